@@ -1,0 +1,44 @@
+# The commands of everyday work. `make demo` and `make test` are all a fresh machine needs.
+PYTHON ?= python3
+PORT ?= 8000
+DATA_DIR ?= data
+VENV := .venv
+BIN := $(VENV)/bin
+PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
+
+.PHONY: demo test lint calibration bench clean
+.DEFAULT_GOAL := demo
+
+$(VENV)/.made:
+	@$(PYTHON) -c 'import sys; sys.exit(f"Python 3.11 or newer is needed, {sys.executable} is {sys.version.split()[0]}: make PYTHON=/path/to/python3.11" if sys.version_info < (3, 11) else 0)'
+	$(PYTHON) -m venv $(VENV)
+	touch $@
+
+# One stamp per set of packages: a second start installs nothing.
+$(VENV)/.app: pyproject.toml constraints.txt | $(VENV)/.made
+	$(PIP) --editable .
+	touch $@
+
+$(VENV)/.dev: pyproject.toml constraints.txt | $(VENV)/.made
+	$(PIP) --editable '.[dev,postgresql]'
+	touch $@ $(VENV)/.app
+
+demo: $(VENV)/.app
+	@$(BIN)/pbpo demo --port $(PORT) --data-dir $(DATA_DIR)
+
+test: $(VENV)/.dev
+	$(BIN)/python -m pytest
+
+lint: $(VENV)/.dev
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+calibration: $(VENV)/.app
+	@$(BIN)/python -m app.crane.calibration
+
+bench: $(VENV)/.app
+	@$(BIN)/python -m app.lab.bench
+
+clean:
+	rm -rf $(VENV) build dist *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis

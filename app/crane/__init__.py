@@ -1,0 +1,1 @@
+"""The waste-scattering world: a crane whose claws open and close over a pit (paper, Sec. V)."""

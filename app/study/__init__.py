@@ -1,0 +1,74 @@
+"""The rules of a study: its folder and plan, the protocol of a session, and who gets which order.
+
+Pure: no web, no database, no clock; a study folder is read from disk, and nothing else is.
+"""
+
+from app.study.assignment import (
+    choose_order,
+    orders,
+    plan_orders,
+    sample_familiarisation,
+    trial_conditions,
+)
+from app.study.consistency import METHODS, Method
+from app.study.faults import Fault, StudyFaults
+from app.study.folder import SHIPPED, TEXT_NAMES, StudyFolder, UnknownStudyError, load, resolve
+from app.study.plan import Condition, Environment, Parameter, Plan, plan_hash
+from app.study.protocol import (
+    BreakNotOver,
+    Consented,
+    Continued,
+    Event,
+    OutOfOrder,
+    Position,
+    Progress,
+    ProtocolError,
+    Responded,
+    Stage,
+    StaleConsent,
+    Withdrew,
+    advance,
+    position,
+)
+from app.study.recordings import RecordingRow
+from app.study.texts import consent_version, render
+
+__all__ = [
+    "METHODS",
+    "SHIPPED",
+    "TEXT_NAMES",
+    "BreakNotOver",
+    "Condition",
+    "Consented",
+    "Continued",
+    "Environment",
+    "Event",
+    "Fault",
+    "Method",
+    "OutOfOrder",
+    "Parameter",
+    "Plan",
+    "Position",
+    "Progress",
+    "ProtocolError",
+    "RecordingRow",
+    "Responded",
+    "Stage",
+    "StaleConsent",
+    "StudyFaults",
+    "StudyFolder",
+    "UnknownStudyError",
+    "Withdrew",
+    "advance",
+    "choose_order",
+    "consent_version",
+    "load",
+    "orders",
+    "plan_hash",
+    "plan_orders",
+    "position",
+    "render",
+    "resolve",
+    "sample_familiarisation",
+    "trial_conditions",
+]

@@ -1,0 +1,63 @@
+"""Which conditions a session goes through, in which order, and what it watches beforehand.
+
+Orders are the rows of a Williams design: every condition comes equally often at every position,
+and follows every other condition equally often, so that neither practice nor the trial before
+favours one of them.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from app.study.plan import Plan
+
+
+def orders(n: int) -> tuple[tuple[int, ...], ...]:
+    """The balanced orders of n conditions: n of them if n is even (or 1), else 2n."""
+    if n < 1:
+        raise ValueError(f"expected at least one condition, got {n}")
+    # 0, 1, n-1, 2, n-2, ...: neighbours differ by 1, -2, 3, ..., each difference modulo n once,
+    # which balances who follows whom over the n rotations.
+    zigzag = [(step + 1) // 2 if step % 2 else -(step // 2) for step in range(n)]
+    square = tuple(tuple((first + row) % n for first in zigzag) for row in range(n))
+    if n % 2 == 0 or n == 1:
+        return square
+    # For odd n the differences pair up unevenly; the mirrored square makes up for it.
+    return square + tuple(tuple(reversed(order)) for order in square)
+
+
+def plan_orders(plan: Plan) -> tuple[tuple[int, ...], ...]:
+    """The orders that sessions of this study are spread over."""
+    if plan.order == "fixed":
+        return (tuple(range(len(plan.conditions))),)
+    return orders(len(plan.conditions))
+
+
+def choose_order(counts: Sequence[int], rng: np.random.Generator) -> int:
+    """The index of an order that the fewest sessions have; chance decides between equals.
+
+    `counts` holds, for each order, the sessions completed or still active: counting those who
+    merely started would let dropouts empty a condition.
+    """
+    if not counts or min(counts) < 0:
+        raise ValueError(f"expected a count of 0 or more for every order, got {list(counts)}")
+    fewest = [index for index, count in enumerate(counts) if count == min(counts)]
+    return fewest[int(rng.integers(len(fewest)))]
+
+
+def trial_conditions(plan: Plan, order: Sequence[int]) -> tuple[int, ...]:
+    """The index of each trial's condition: the order, as often as a condition has trials."""
+    if sorted(order) != list(range(len(plan.conditions))):
+        expected = f"each of the {len(plan.conditions)} conditions once"
+        raise ValueError(f"expected an order with {expected}, got {list(order)}")
+    return tuple(order) * plan.trials_per_condition
+
+
+def sample_familiarisation(n_recordings: int, k: int, rng: np.random.Generator) -> tuple[int, ...]:
+    """k indices of recordings at random; none comes again before all have come."""
+    if k < 0 or n_recordings < (1 if k else 0):
+        raise ValueError(f"expected recordings to draw {k} videos from, got {n_recordings}")
+    drawn: list[int] = []
+    while len(drawn) < k:
+        drawn.extend(int(index) for index in rng.permutation(n_recordings))
+    return tuple(drawn[:k])

@@ -1,0 +1,214 @@
+"""What has to agree between the fields of a plan.
+
+These checks read the plan as plain data and pass over whatever is missing or of the wrong type
+(the fields' own rules name that), so that one reading of a broken file finds every fault in it.
+"""
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+from app.study.files import misplaced
+
+CRANE = "crane"
+CRANE_ENVIRONMENTS = ("env1", "env2")
+CRANE_PARAMETERS = ("w0", "w1")
+
+# Columns that exported tables and recordings.csv have of their own: a parameter of the same name
+# would give a table two columns with one name ("candidate" would become a second left_candidate).
+RESERVED_PARAMETERS = frozenset(
+    {
+        "candidate",
+        "duration_s",
+        "environment",
+        "file",
+        "posterior_mean",
+        "posterior_std",
+        "query_index",
+        "recording",
+        "score",
+        "session_id",
+        "sha256",
+        "study",
+        "trial_index",
+    }
+)
+
+Place = tuple[str | int, ...]
+
+
+@dataclass(frozen=True)
+class Method:
+    """A method of choosing queries, and whether evaluators may skip under it (Section IV-B)."""
+
+    name: str
+    allows_skip: bool
+
+
+METHODS = (
+    Method("pbpo", allows_skip=True),
+    Method("pbpo-no-synthesis", allows_skip=True),
+    Method("pbpo-no-skip", allows_skip=False),
+    Method("knockout", allows_skip=False),
+)
+
+
+@dataclass(frozen=True)
+class Inconsistency:
+    """Something that does not agree with the rest of the plan, and where it stands."""
+
+    place: Place
+    message: str
+
+    def __str__(self) -> str:
+        return f"{path_text(self.place)}: {self.message}"
+
+
+def path_text(place: Place) -> str:
+    """A place as people write it: `conditions[1].skip.label`."""
+    text = ""
+    for step in place:
+        text += f"[{step}]" if isinstance(step, int) else f".{step}" if text else step
+    return text
+
+
+def inconsistencies(plan: Mapping[str, object]) -> list[Inconsistency]:
+    """All disagreements within a plan, given as plain data."""
+    return [
+        *_languages(plan),
+        *_parameters(plan),
+        *_environments(plan),
+        *_conditions(plan),
+        *_familiarisation(plan),
+    ]
+
+
+def _languages(plan: Mapping[str, object]) -> Iterator[Inconsistency]:
+    languages = _languages_of(plan)
+    yield from _repeats("languages", languages)
+    yield from _all_languages(("title",), plan.get("title"), languages)
+
+
+def _parameters(plan: Mapping[str, object]) -> Iterator[Inconsistency]:
+    names = parameter_names(plan)
+    yield from _repeats("parameters", names, "name")
+    for index, name in enumerate(names):
+        if name in RESERVED_PARAMETERS:
+            taken = f"expected another name, {name!r} is a column that exported tables have already"
+            yield Inconsistency(("parameters", index, "name"), taken)
+
+
+def _environments(plan: Mapping[str, object]) -> Iterator[Inconsistency]:
+    read_by: dict[object, str] = {}
+    names = parameter_names(plan)
+    for name, environment in _mapping(plan.get("environments")).items():
+        source = _mapping(environment).get("source")
+        place = ("environments", name, "source")
+        if source == CRANE:
+            if name not in CRANE_ENVIRONMENTS:
+                known = " or ".join(CRANE_ENVIRONMENTS)
+                yield Inconsistency(place, f"expected {known} for source crane, got {name!r}")
+            if names and tuple(names) != CRANE_PARAMETERS:
+                expected, came = ", ".join(CRANE_PARAMETERS), ", ".join(map(str, names))
+                message = f"expected the parameters {expected} for source crane, got {came}"
+                yield Inconsistency(place, message)
+        elif isinstance(source, str):
+            problem = misplaced(source)
+            if problem is not None:
+                yield Inconsistency(place, problem)
+            if source in read_by:
+                message = f"expected a file of its own, got {source!r}, which {read_by[source]} has"
+                yield Inconsistency(place, message)
+            read_by.setdefault(source, name)
+
+
+def _conditions(plan: Mapping[str, object]) -> Iterator[Inconsistency]:
+    conditions = [_mapping(condition) for condition in _list(plan.get("conditions"))]
+    environments = _mapping(plan.get("environments"))
+    allows_skip = {method.name: method.allows_skip for method in METHODS}
+    yield from _repeats("conditions", [condition.get("name") for condition in conditions], "name")
+    for index, condition in enumerate(conditions):
+        place: Place = ("conditions", index)
+        environment = condition.get("environment")
+        if isinstance(environment, str) and environments and environment not in environments:
+            known = ", ".join(environments)
+            message = f"expected one of the environments ({known}), got {environment!r}"
+            yield Inconsistency((*place, "environment"), message)
+
+        method, skip = condition.get("method"), condition.get("skip")
+        if isinstance(method, str) and method in allows_skip:
+            if allows_skip[method] and skip is None:
+                message = f"expected a skip button's label for method {method}, got none"
+                yield Inconsistency((*place, "skip"), message)
+            if not allows_skip[method] and skip is not None:
+                message = f"expected no skip button for method {method}, got one"
+                yield Inconsistency((*place, "skip"), message)
+        label = _mapping(skip).get("label")
+        yield from _all_languages((*place, "skip", "label"), label, _languages_of(plan))
+        yield from _finite((*place, "settings"), condition.get("settings"))
+
+
+def _familiarisation(plan: Mapping[str, object]) -> Iterator[Inconsistency]:
+    familiarisation = _mapping(plan.get("familiarisation"))
+    videos, required = familiarisation.get("videos", 0), familiarisation.get("required", 0)
+    if isinstance(videos, int) and isinstance(required, int) and required > videos:
+        message = f"expected at most the number of videos ({videos}), got {required}"
+        yield Inconsistency(("familiarisation", "required"), message)
+
+
+def _all_languages(place: Place, text: object, languages: list[object]) -> Iterator[Inconsistency]:
+    """What an evaluator reads has to be there in every language of the study."""
+    if isinstance(text, str):
+        given = set(languages[:1])
+    elif isinstance(text, Mapping):
+        given = set(text)
+    else:
+        return
+    missing = [str(language) for language in languages if language not in given]
+    if missing:
+        message = f"expected a text in every language, got none in {', '.join(missing)}"
+        yield Inconsistency(place, message)
+    for language in given.difference(languages):
+        known = ", ".join(map(str, languages))
+        message = f"expected one of the study's languages ({known}), got {language!r}"
+        yield Inconsistency((*place, str(language)), message)
+
+
+def _finite(place: Place, value: object) -> Iterator[Inconsistency]:
+    """Settings go into JSON, which has no infinity and no NaN."""
+    if isinstance(value, float) and not math.isfinite(value):
+        yield Inconsistency(place, f"expected a finite number, got {value}")
+    for key, inner in _mapping(value).items():
+        yield from _finite((*place, key), inner)
+    for index, inner in enumerate(_list(value)):
+        yield from _finite((*place, index), inner)
+
+
+def _repeats(section: str, values: list[object], key: str | None = None) -> Iterator[Inconsistency]:
+    first: dict[str, int] = {}
+    for index, value in enumerate(values):
+        if not isinstance(value, str):
+            continue
+        if value in first:
+            place: Place = (section, index) if key is None else (section, index, key)
+            message = (
+                f"expected each only once, got {value!r} again (first at {section}[{first[value]}])"
+            )
+            yield Inconsistency(place, message)
+        first.setdefault(value, index)
+
+
+def parameter_names(plan: Mapping[str, object]) -> list[object]:
+    return [_mapping(parameter).get("name") for parameter in _list(plan.get("parameters"))]
+
+
+def _languages_of(plan: Mapping[str, object]) -> list[object]:
+    return [language for language in _list(plan.get("languages")) if isinstance(language, str)]
+
+
+def _mapping(value: object) -> Mapping[str, object]:
+    return {str(key): inner for key, inner in value.items()} if isinstance(value, Mapping) else {}
+
+
+def _list(value: object) -> list[object]:
+    return list(value) if isinstance(value, list | tuple) else []

@@ -1,0 +1,46 @@
+"""Files of a study folder: within it, and as UTF-8 text."""
+
+from pathlib import Path, PurePosixPath
+
+from app.study.faults import UnreadableFileError
+
+
+def within(root: Path, path: Path) -> bool:
+    """Whether the path leads to somewhere inside the folder, links and `..` followed.
+
+    A study may come from somebody else: a link in it must not bring the server's own files into
+    what evaluators and exports show.
+    """
+    return path.resolve().is_relative_to(root.resolve())
+
+
+def read_text(root: Path, path: Path) -> str:
+    """The file's text with line ends as \\n and without a byte order mark."""
+    if not path.is_file():
+        raise UnreadableFileError("expected a file of this name, there is none")
+    if not within(root, path):
+        raise UnreadableFileError("expected a file inside the study folder, got a link out of it")
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise UnreadableFileError(f"expected a file to read, got {error.strerror}") from error
+    try:
+        text = content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = content[: error.start].count(b"\n") + 1
+        byte = content[error.start]
+        message = f"expected text in UTF-8, got the byte 0x{byte:02x}"
+        raise UnreadableFileError(message, line) from error
+    return text.replace("\r\n", "\n").replace("\r", "\n")
+
+
+def misplaced(name: str) -> str | None:
+    """What is wrong with a path within a study folder, as far as the name alone tells."""
+    if not name:
+        return "expected the name of a file, got nothing"
+    path = PurePosixPath(name)
+    if "\\" in name or "\0" in name or ":" in path.parts[0]:
+        return f"expected a path with forward slashes such as videos/a.mp4, got {name!r}"
+    if path.is_absolute() or ".." in path.parts:
+        return f"expected a path inside the study folder, got {name!r}"
+    return None

@@ -1,0 +1,126 @@
+"""A study folder: `study.yaml`, texts per language, and recordings, read and checked as a whole."""
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+
+from app.study.consistency import parameter_names
+from app.study.faults import Fault, StudyFaults, UnreadableFileError
+from app.study.files import misplaced, read_text
+from app.study.plan import LANGUAGE_PATTERN, Plan
+from app.study.plan_source import STUDY_FILE, PlanReading, SettingsCheck, read_plan
+from app.study.recordings import RecordingRow, RecordingsReader, candidates_of
+
+TEXT_NAMES = ("consent", "instructions", "debrief")
+
+_SHIPPED_FOLDER = Path(__file__).parent / "shipped"
+SHIPPED: Mapping[str, Path] = MappingProxyType(
+    {name: _SHIPPED_FOLDER / name for name in ("waste-crane", "waste-crane-env2")}
+)
+
+
+@dataclass(frozen=True)
+class StudyFolder:
+    """A study folder without fault.
+
+    texts: language -> name (consent, instructions, debrief) -> Markdown.
+    recordings: the rows of all CSV files, in their order; none for the crane's environments.
+    """
+
+    root: Path
+    plan: Plan
+    texts: Mapping[str, Mapping[str, str]]
+    recordings: tuple[RecordingRow, ...]
+
+    def candidates(self, environment: str) -> tuple[tuple[float, ...], ...]:
+        """The different candidates of an environment of the study's own, in the CSV's order."""
+        return candidates_of(self.recordings, environment)
+
+
+class UnknownStudyError(Exception):
+    """Neither a shipped study nor a folder on disk."""
+
+
+def resolve(name_or_path: str) -> Path:
+    """The folder of a shipped study by its name, or a folder of one's own by its path."""
+    if name_or_path in SHIPPED:
+        return SHIPPED[name_or_path]
+    path = Path(name_or_path)
+    if not path.is_dir():
+        shipped = ", ".join(SHIPPED)
+        raise UnknownStudyError(
+            f"expected a study folder or a shipped study ({shipped}), got {name_or_path!r}"
+        )
+    return path
+
+
+def load(folder: Path, *, settings_check: SettingsCheck | None = None) -> StudyFolder:
+    """Reads a study folder; raises StudyFaults with every fault in it.
+
+    `settings_check` says what is wrong with a condition's settings, or None: what they may hold
+    is the optimiser's to know.
+    """
+    try:
+        text = read_text(folder, folder / STUDY_FILE)
+    except UnreadableFileError as error:
+        raise StudyFaults([Fault(STUDY_FILE, error.line, str(error))]) from error
+    reading = read_plan(text, settings_check)
+    texts, text_faults = _read_texts(folder, _languages(reading))
+    recordings, recording_faults = _read_recordings(folder, reading)
+    faults = [*reading.faults, *text_faults, *recording_faults]
+    if faults or reading.plan is None:
+        raise StudyFaults(faults)
+    return StudyFolder(folder, reading.plan, texts, tuple(recordings))
+
+
+def _languages(reading: PlanReading) -> list[str]:
+    """The languages as far as they are sound: their texts are checked even if the plan is not."""
+    languages = reading.data.get("languages")
+    return [
+        language
+        for language in dict.fromkeys(map(str, languages if isinstance(languages, list) else []))
+        if re.fullmatch(LANGUAGE_PATTERN, language)
+    ]
+
+
+def _read_texts(
+    folder: Path, languages: Sequence[str]
+) -> tuple[dict[str, dict[str, str]], list[Fault]]:
+    texts: dict[str, dict[str, str]] = {language: {} for language in languages}
+    faults: list[Fault] = []
+    for language in languages:
+        for name in TEXT_NAMES:
+            file = f"texts/{language}/{name}.md"
+            try:
+                text = read_text(folder, folder / file)
+            except UnreadableFileError as error:
+                faults.append(Fault(file, error.line, str(error)))
+                continue
+            if not text.strip():
+                faults.append(Fault(file, None, "expected some text, got an empty file"))
+            texts[language][name] = text
+    return texts, faults
+
+
+def _read_recordings(folder: Path, reading: PlanReading) -> tuple[list[RecordingRow], list[Fault]]:
+    environments = reading.data.get("environments")
+    if not isinstance(environments, dict):
+        return [], []
+    names = parameter_names(reading.data)
+    # With a parameter that has no sound name nobody can tell which columns are missing.
+    parameters = [name for name in names if isinstance(name, str)]
+    parameters = parameters if len(parameters) == len(names) else []
+    reader = RecordingsReader(folder)
+    rows: list[RecordingRow] = []
+    sources: set[str] = set()
+    for name, environment in environments.items():
+        source = environment.get("source") if isinstance(environment, dict) else None
+        if not isinstance(source, str) or not source.endswith(".csv") or source in sources:
+            continue
+        if misplaced(source) is not None:
+            continue
+        sources.add(source)
+        rows.extend(reader.read(name, source, parameters))
+    return rows, reader.faults

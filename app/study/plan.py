@@ -1,0 +1,217 @@
+"""What a study's `study.yaml` may say, and the hash that freezes it.
+
+Every field's description says what is expected there: a fault in a file quotes it, so that the
+rule and the message about it cannot drift apart. What has to agree between fields is checked in
+`consistency`, which also works on a plan that is still broken elsewhere.
+"""
+
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    JsonValue,
+    StrictInt,
+    StrictStr,
+    StringConstraints,
+    model_validator,
+)
+from pydantic_core import PydanticCustomError
+
+from app.study.consistency import CRANE, METHODS, inconsistencies
+from app.study.recordings import RecordingRow
+
+# These name folders as well, so they hold nothing that leads elsewhere.
+LANGUAGE_PATTERN = r"^[a-z]{2,3}(-[A-Za-z0-9]{2,8})*$"
+
+
+def _require_text(value: object) -> object:
+    """A text is a string, or one string per language; never empty."""
+    texts = list(value.values()) if isinstance(value, Mapping) else [value]
+    languages = list(value) if isinstance(value, Mapping) else []
+    if not texts or not all(isinstance(text, str) and text.strip() for text in texts):
+        raise ValueError("not a text")
+    if not all(isinstance(language, str) for language in languages):
+        raise ValueError("not a language")
+    return value
+
+
+def _require_method(name: str) -> str:
+    if all(name != method.name for method in METHODS):
+        raise ValueError("not a method")
+    return name
+
+
+LocalText = Annotated[str | dict[str, str], BeforeValidator(_require_text)]
+Language = Annotated[StrictStr, StringConstraints(pattern=LANGUAGE_PATTERN)]
+EnvironmentName = Annotated[StrictStr, StringConstraints(pattern=r"^[a-z0-9][a-z0-9_-]{0,59}$")]
+MethodName = Annotated[StrictStr, AfterValidator(_require_method)]
+ONE_OR_MORE_TEXTS = "a text, or one text per language such as {en: ..., ja: ...}"
+
+
+class _Part(BaseModel):
+    """A part of the plan: no unknown key, no change after birth."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class Parameter(_Part):
+    """One coordinate of a candidate."""
+
+    name: StrictStr = Field(
+        pattern=r"^[a-z][a-z0-9_]{0,39}$",
+        description="a name of lower-case letters, digits and underscores such as opening_time",
+    )
+    label: LocalText | None = Field(default=None, description=ONE_OR_MORE_TEXTS)
+    unit: StrictStr | None = Field(default=None, description="a unit such as s")
+
+
+class Environment(_Part):
+    """Where recordings come from: the simulated crane, or a CSV file of the study's own."""
+
+    label: LocalText | None = Field(default=None, description=ONE_OR_MORE_TEXTS)
+    source: StrictStr = Field(
+        pattern=r"^(crane|.*\.csv)$",
+        description="crane, or the name of a CSV file in the study folder such as recordings.csv",
+    )
+
+    @property
+    def is_crane(self) -> bool:
+        return self.source == CRANE
+
+
+class Skip(_Part):
+    """The skip button: there is one exactly where the method has a use for a skip."""
+
+    label: LocalText = Field(description=ONE_OR_MORE_TEXTS)
+
+
+class Condition(_Part):
+    """What a trial is run under: a method with its settings, in an environment."""
+
+    name: StrictStr = Field(
+        pattern=r"^[A-Za-z0-9][A-Za-z0-9 _.-]{0,59}$",
+        description="a name of up to 60 letters, digits, spaces, and . _ -",
+    )
+    method: MethodName = Field(description="one of " + ", ".join(method.name for method in METHODS))
+    environment: StrictStr = Field(description="the name of one of the environments")
+    skip: Skip | None = Field(default=None, description="a mapping such as {label: ...}")
+    settings: dict[str, JsonValue] = Field(
+        default_factory=dict,
+        description="a mapping of settings for the method such as {preset: paper-env1}",
+    )
+
+
+class Familiarisation(_Part):
+    """The videos a person watches beforehand, drawn at random."""
+
+    videos: StrictInt = Field(
+        default=0, ge=0, le=1000, description="a whole number from 0 (none) to 1000"
+    )
+    required: StrictInt = Field(
+        default=0, ge=0, le=1000, description="a whole number from 0 to the number of videos"
+    )
+
+
+class Plan(_Part):
+    """A whole study as its `study.yaml` says it. The upper limits only catch slips of the pen."""
+
+    version: Literal[1] = Field(description="1, the version of this file's form")
+    slug: StrictStr = Field(
+        pattern=r"^[a-z0-9][a-z0-9-]{0,59}$",
+        description="1 to 60 lower-case letters, digits and hyphens such as my-first-study",
+    )
+    title: LocalText = Field(description=ONE_OR_MORE_TEXTS)
+    languages: tuple[Language, ...] = Field(
+        min_length=1, description="a list of language codes such as [en, ja]"
+    )
+    parameters: tuple[Parameter, ...] = Field(
+        min_length=1, description="a list of parameters such as {name: speed, unit: m/s}"
+    )
+    environments: dict[EnvironmentName, Environment] = Field(
+        min_length=1,
+        description="a mapping of lower-case names to environments"
+        " such as {kitchen: {source: recordings.csv}}",
+    )
+    conditions: tuple[Condition, ...] = Field(
+        min_length=1,
+        description="a list of conditions, each with its name, method and environment",
+    )
+    trials_per_condition: StrictInt = Field(
+        default=1, ge=1, le=100, description="a whole number from 1 to 100"
+    )
+    queries_per_trial: StrictInt = Field(ge=1, le=1000, description="a whole number from 1 to 1000")
+    order: Literal["counterbalanced", "fixed"] = Field(
+        default="counterbalanced", description="counterbalanced or fixed"
+    )
+    break_s: StrictInt = Field(
+        default=120, ge=0, le=86_400, description="whole seconds from 0 (no break) to 86400"
+    )
+    familiarisation: Familiarisation = Field(
+        default=Familiarisation(), description="a mapping such as {videos: 10, required: 0}"
+    )
+    session_expires_after_days: StrictInt = Field(
+        default=14, ge=1, le=3650, description="a whole number of days from 1 to 3650"
+    )
+    contact: StrictStr | None = Field(
+        default=None, min_length=1, description="a text that says whom to ask"
+    )
+
+    @model_validator(mode="after")
+    def _hold_together(self) -> Self:
+        found = inconsistencies(self.model_dump(mode="json"))
+        if found:
+            message = "; ".join(str(inconsistency) for inconsistency in found)
+            raise PydanticCustomError("inconsistent", "{message}", {"message": message})
+        return self
+
+    @property
+    def trials(self) -> int:
+        """How many trials one session has."""
+        return len(self.conditions) * self.trials_per_condition
+
+    @property
+    def default_language(self) -> str:
+        return self.languages[0]
+
+    def environment_of(self, condition: Condition) -> Environment:
+        return self.environments[condition.environment]
+
+    def text(self, text: str | Mapping[str, str], language: str) -> str:
+        """The text in this language; in the study's first language where there is none."""
+        if isinstance(text, str):
+            return text
+        fallback = text.get(self.default_language) or next(iter(text.values()))
+        return text.get(language, fallback)
+
+
+def plan_hash(
+    plan: Plan,
+    texts: Mapping[str, Mapping[str, str]],
+    recordings: Sequence[RecordingRow] = (),
+) -> str:
+    """SHA-256 over all that an evaluator or the optimiser depends on, as 64 hex digits.
+
+    Canonical JSON with sorted keys, so comments and the order of keys do not count. The order of
+    recordings does: it numbers the candidates, and the optimiser draws by number.
+    """
+    frozen: dict[str, Any] = {
+        "plan": plan.model_dump(mode="json"),
+        "texts": {language: dict(named) for language, named in texts.items()},
+        "recordings": _digest([asdict(row) for row in recordings]),
+    }
+    return _digest(frozen)
+
+
+def _digest(value: object) -> str:
+    canonical = json.dumps(
+        value, sort_keys=True, separators=(",", ":"), ensure_ascii=False, allow_nan=False
+    )
+    return hashlib.sha256(canonical.encode("utf-8")).hexdigest()

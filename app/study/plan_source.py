@@ -1,0 +1,129 @@
+"""From the text of `study.yaml` to a Plan, or to every fault in it with its line."""
+
+import difflib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, get_args
+
+from pydantic import BaseModel, ValidationError
+from pydantic_core import ErrorDetails
+
+from app.study.consistency import Place, inconsistencies, path_text
+from app.study.faults import Fault
+from app.study.plan import Plan
+from app.study.yaml_source import YamlSource, YamlSyntaxError, read_yaml
+
+STUDY_FILE = "study.yaml"
+LONGEST_VALUE_SHOWN = 60
+
+SettingsCheck = Callable[[Mapping[str, Any]], str | None]
+
+
+@dataclass(frozen=True)
+class PlanReading:
+    """What reading the file gave: a plan if it has no fault, and the data as far as it goes."""
+
+    plan: Plan | None
+    data: Mapping[str, object]
+    faults: tuple[Fault, ...]
+    lines: YamlSource | None = None
+
+
+def read_plan(text: str, settings_check: SettingsCheck | None = None) -> PlanReading:
+    try:
+        source = read_yaml(text)
+    except YamlSyntaxError as error:
+        fault = Fault(STUDY_FILE, error.problem.line, error.problem.message)
+        return PlanReading(None, {}, (fault,))
+    plan: Plan | None = None
+    found = [Fault(STUDY_FILE, problem.line, problem.message) for problem in source.problems]
+    try:
+        plan = Plan.model_validate(source.data)
+    except ValidationError as error:
+        found.extend(
+            _fault(source, details["loc"], _message(details))
+            for details in error.errors(include_url=False)
+            if details["type"] != "inconsistent"
+        )
+        found.extend(
+            _fault(source, inconsistency.place, inconsistency.message)
+            for inconsistency in inconsistencies(source.data)
+        )
+    if settings_check is not None:
+        found.extend(_settings_faults(source, settings_check))
+    # A field of two wrong parts (a text in two languages) is named once.
+    faults = tuple(dict.fromkeys(sorted(found, key=lambda fault: fault.line or 0)))
+    return PlanReading(None if faults else plan, source.data, faults, source)
+
+
+def _settings_faults(source: YamlSource, settings_check: SettingsCheck) -> list[Fault]:
+    conditions = source.data.get("conditions")
+    faults: list[Fault] = []
+    for index, condition in enumerate(conditions if isinstance(conditions, list) else []):
+        settings = condition.get("settings", {}) if isinstance(condition, dict) else None
+        message = settings_check(settings) if isinstance(settings, dict) else None
+        if message is not None:
+            faults.append(_fault(source, ("conditions", index, "settings"), message))
+    return faults
+
+
+def _fault(source: YamlSource, place: Place, message: str) -> Fault:
+    return Fault(STUDY_FILE, source.line(place), f"{path_text(place)}: {message}")
+
+
+def _message(details: ErrorDetails) -> str:
+    """Our words for what pydantic found, out of the description of the field it found it in."""
+    place, value = details["loc"], details["input"]
+    model, expectation = _where(place)
+    if details["type"] == "missing":
+        return f"expected {expectation}, got no such key"
+    if details["type"] == "extra_forbidden":
+        known = list(model.model_fields)
+        near = difflib.get_close_matches(str(place[-1]), known, n=1)
+        hint = f" (did you mean {near[0]}?)" if near else ""
+        return f"unknown key, expected one of {', '.join(known)}{hint}"
+    if place and place[-1] == "[key]":
+        return f"expected {expectation}, got the name {shown(value)}"
+    return f"expected {expectation}, got {shown(value)}"
+
+
+def _where(place: Place) -> tuple[type[BaseModel], str]:
+    """The innermost model on the way to a place, and what is expected there."""
+    model: type[BaseModel] = Plan
+    expectation = "`key: value` lines"
+    last_model = model
+    for step in place:
+        field = model.model_fields.get(step) if isinstance(step, str) else None
+        if field is None:
+            continue
+        last_model = model
+        expectation = field.description or expectation
+        model = _model_in(field.annotation) or model
+    at_field = bool(place) and place[-1] in last_model.model_fields
+    return (last_model if at_field else model), expectation
+
+
+def _model_in(annotation: object) -> type[BaseModel] | None:
+    """The model that a field's type holds: `Skip` of `Skip | None`, `Condition` of a tuple."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return annotation
+    for part in get_args(annotation):
+        model = _model_in(part)
+        if model is not None:
+            return model
+    return None
+
+
+def shown(value: object) -> str:
+    """A value as a message names it."""
+    if value is None:
+        return "nothing"
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, list | tuple):
+        return "an empty list" if not value else f"a list of {len(value)}"
+    if isinstance(value, Mapping):
+        return "an empty mapping" if not value else f"a mapping of {', '.join(map(str, value))}"
+    text = repr(value)
+    shortened = text[: LONGEST_VALUE_SHOWN - 3] + "..."
+    return text if len(text) <= LONGEST_VALUE_SHOWN else shortened

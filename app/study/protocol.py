@@ -1,0 +1,247 @@
+"""The rules of a session: which stage follows which, on what event.
+
+A pure state machine: `advance` takes the plan, where a session is, and what happened, and returns
+where the session is then, or says why that cannot happen now. Times come in with the events.
+"""
+
+import math
+from dataclasses import dataclass
+from datetime import datetime, timedelta
+from enum import StrEnum
+from typing import Self, TypedDict
+
+from app.study.plan import Plan
+
+
+class Stage(StrEnum):
+    CONSENT = "consent"
+    INSTRUCTIONS = "instructions"
+    FAMILIARISATION = "familiarisation"
+    QUERY = "query"
+    BREAK = "break"
+    DEBRIEF = "debrief"
+    COMPLETED = "completed"
+    WITHDRAWN = "withdrawn"
+    DECLINED = "declined"
+
+
+FINAL_STAGES = frozenset({Stage.COMPLETED, Stage.WITHDRAWN, Stage.DECLINED})
+BEFORE_FIRST_TRIAL = frozenset(
+    {Stage.CONSENT, Stage.INSTRUCTIONS, Stage.FAMILIARISATION, Stage.DECLINED}
+)
+
+
+@dataclass(frozen=True)
+class Progress:
+    """Where a session is. Read on its own, `trial_index` is how many trials are finished.
+
+    trial_index: 0-based; the trial the session is in, or that comes next during a break; 0 before
+        the first trial; the number of trials once all are done.
+    query_index: 0-based index of the open query; 0 outside stage query.
+    break_ends_at: only in stage break; timezone-aware.
+    """
+
+    stage: Stage
+    trial_index: int = 0
+    query_index: int = 0
+    break_ends_at: datetime | None = None
+
+    def __post_init__(self) -> None:
+        if self.trial_index < 0 or self.query_index < 0:
+            raise ValueError(f"expected indices of 0 or more, got {self}")
+        if self.stage in BEFORE_FIRST_TRIAL and self.trial_index != 0:
+            raise ValueError(f"expected trial_index 0 in stage {self.stage}, got {self}")
+        if self.stage in (Stage.BREAK, Stage.DEBRIEF, Stage.COMPLETED) and self.trial_index == 0:
+            raise ValueError(f"expected a finished trial in stage {self.stage}, got {self}")
+        if self.stage is not Stage.QUERY and self.query_index != 0:
+            raise ValueError(f"expected query_index 0 in stage {self.stage}, got {self}")
+        if (self.stage is Stage.BREAK) != (self.break_ends_at is not None):
+            raise ValueError(f"expected break_ends_at in stage break and only there, got {self}")
+        if self.break_ends_at is not None:
+            _require_timezone(self.break_ends_at)
+
+    @classmethod
+    def start(cls) -> Self:
+        return cls(Stage.CONSENT)
+
+
+@dataclass(frozen=True)
+class Consented:
+    """Agreement to the text of `version`; `current_version` is the one in force."""
+
+    version: str
+    current_version: str
+
+
+@dataclass(frozen=True)
+class Continued:
+    """A page that only has to be left is left."""
+
+    at: datetime
+
+    def __post_init__(self) -> None:
+        _require_timezone(self.at)
+
+
+@dataclass(frozen=True)
+class Responded:
+    """A response (whichever it was) to the query of this index of the trial in hand."""
+
+    query_index: int
+    at: datetime
+
+    def __post_init__(self) -> None:
+        _require_timezone(self.at)
+
+
+@dataclass(frozen=True)
+class Withdrew:
+    """The person stops: declines in stage consent, withdraws later."""
+
+
+Event = Consented | Continued | Responded | Withdrew
+
+
+class ProtocolError(Exception):
+    """An event that cannot happen where the session is."""
+
+
+class OutOfOrder(ProtocolError):  # noqa: N818 - named for what happened
+    """`expected` says, for people, what is to be done in `stage` instead."""
+
+    def __init__(self, stage: Stage, expected: str) -> None:
+        super().__init__(f"The session is in stage {stage}: {expected}.")
+        self.stage = stage
+        self.expected = expected
+
+
+class StaleConsent(ProtocolError):  # noqa: N818 - named for what happened
+    """Consent to a text that is no longer the one in force."""
+
+    def __init__(self, current: str, given: str) -> None:
+        super().__init__(f"The consent text has changed: expected version {current}, got {given}.")
+        self.current = current
+        self.given = given
+
+
+class BreakNotOver(ProtocolError):  # noqa: N818 - named for what happened
+    """`seconds_left` is rounded up: whoever waits that long can go on."""
+
+    def __init__(self, seconds_left: int) -> None:
+        super().__init__(f"The break is not over: expected {seconds_left} s more of rest.")
+        self.seconds_left = seconds_left
+
+
+class Position(TypedDict):
+    """Progress in numbers for people, counted from 1."""
+
+    trial: int
+    trials: int
+    query: int
+    queries: int
+
+
+_TO_BE_DONE = {
+    Stage.CONSENT: "the consent has to be given or declined first",
+    Stage.INSTRUCTIONS: "the instructions have to be left first",
+    Stage.FAMILIARISATION: "the familiarisation has to be left first",
+    Stage.BREAK: "the break has to be left first",
+    Stage.DEBRIEF: "the debriefing has to be left first",
+    Stage.COMPLETED: "it is completed, nothing is left to be done",
+    Stage.WITHDRAWN: "it was ended by the participant, nothing is left to be done",
+    Stage.DECLINED: "the participant declined, nothing is left to be done",
+}
+
+
+def advance(plan: Plan, progress: Progress, event: Event) -> Progress:
+    """Where the session is after the event; raises a ProtocolError if it cannot happen now."""
+    match event:
+        case Withdrew():
+            return _after_withdrawal(plan, progress)
+        case Consented():
+            return _after_consent(plan, progress, event)
+        case Continued():
+            return _after_continue(plan, progress, event)
+        case Responded():
+            return _after_response(plan, progress, event)
+
+
+def position(plan: Plan, progress: Progress) -> Position:
+    """Progress in numbers for people.
+
+    trial: 0 before the first trial, then the number of the trial in hand; in a break and
+    afterwards the number of trials finished. query: the number of the open query; outside stage
+    query 0 if no trial is finished yet, else the number of queries in a trial.
+    """
+    trial, query = progress.trial_index, plan.queries_per_trial if progress.trial_index else 0
+    if progress.stage is Stage.QUERY:
+        trial, query = progress.trial_index + 1, progress.query_index + 1
+    return Position(trial=trial, trials=plan.trials, query=query, queries=plan.queries_per_trial)
+
+
+def _after_withdrawal(plan: Plan, progress: Progress) -> Progress:
+    if progress.stage in FINAL_STAGES:
+        raise _out_of_order(plan, progress)
+    if progress.stage is Stage.CONSENT:
+        return Progress(Stage.DECLINED)
+    return Progress(Stage.WITHDRAWN, trial_index=progress.trial_index)
+
+
+def _after_consent(plan: Plan, progress: Progress, event: Consented) -> Progress:
+    if progress.stage is not Stage.CONSENT:
+        raise _out_of_order(plan, progress)
+    if event.version != event.current_version:
+        raise StaleConsent(event.current_version, event.version)
+    return Progress(Stage.INSTRUCTIONS)
+
+
+def _after_continue(plan: Plan, progress: Progress, event: Continued) -> Progress:
+    match progress.stage:
+        case Stage.INSTRUCTIONS if plan.familiarisation.videos > 0:
+            return Progress(Stage.FAMILIARISATION)
+        case Stage.INSTRUCTIONS | Stage.FAMILIARISATION:
+            return Progress(Stage.QUERY)
+        case Stage.BREAK:
+            # Progress holds an end for every break.
+            assert progress.break_ends_at is not None
+            left = (progress.break_ends_at - event.at).total_seconds()
+            if left > 0:
+                raise BreakNotOver(math.ceil(left))
+            return Progress(Stage.QUERY, trial_index=progress.trial_index)
+        case Stage.DEBRIEF:
+            return Progress(Stage.COMPLETED, trial_index=progress.trial_index)
+        case _:
+            raise _out_of_order(plan, progress)
+
+
+def _after_response(plan: Plan, progress: Progress, event: Responded) -> Progress:
+    if progress.stage is not Stage.QUERY or event.query_index != progress.query_index:
+        raise _out_of_order(plan, progress)
+    if progress.query_index + 1 < plan.queries_per_trial:
+        return Progress(Stage.QUERY, progress.trial_index, progress.query_index + 1)
+    finished = progress.trial_index + 1
+    if finished >= plan.trials:
+        return Progress(Stage.DEBRIEF, trial_index=finished)
+    if plan.break_s > 0:
+        return Progress(
+            Stage.BREAK,
+            trial_index=finished,
+            break_ends_at=event.at + timedelta(seconds=plan.break_s),
+        )
+    return Progress(Stage.QUERY, trial_index=finished)
+
+
+def _out_of_order(plan: Plan, progress: Progress) -> OutOfOrder:
+    if progress.stage is Stage.QUERY:
+        at = position(plan, progress)
+        return OutOfOrder(
+            progress.stage,
+            f"query {at['query']} of {at['queries']} in trial {at['trial']} of {at['trials']}"
+            " has to be answered first",
+        )
+    return OutOfOrder(progress.stage, _TO_BE_DONE[progress.stage])
+
+
+def _require_timezone(time: datetime) -> None:
+    if time.tzinfo is None:
+        raise ValueError(f"expected a time with its timezone, got {time.isoformat()}")

@@ -1,0 +1,205 @@
+"""The recordings of a study's own: a CSV file with one row per video.
+
+Its header names every parameter, `file`, and optionally `score`. Rows with equal parameters are
+several recordings of one candidate.
+"""
+
+import csv
+import hashlib
+import io
+import math
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from app.study.faults import Fault, UnreadableFileError
+from app.study.files import misplaced, read_text, within
+
+FILE_COLUMN = "file"
+SCORE_COLUMN = "score"
+FEWEST_CANDIDATES = 2
+# Stricter than Python's own reading, which takes "1_000", "infinity" and Arabic digits too.
+NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
+
+
+@dataclass(frozen=True)
+class RecordingRow:
+    """One recorded run of a candidate, as the study's CSV file lists it.
+
+    `file` is relative to the study folder, with forward slashes.
+    """
+
+    environment: str
+    candidate: tuple[float, ...]
+    file: str
+    sha256: str
+    duration_s: float
+    score: float | None = None
+
+
+@dataclass(frozen=True)
+class _Line:
+    """One row as it stands in the file: `number` is the line it begins on."""
+
+    number: int
+    cells: Sequence[str]
+
+
+@dataclass(frozen=True)
+class _FoundVideo:
+    file: str
+    sha256: str
+    duration_s: float
+
+
+class _NoVideoError(Exception):
+    """A cell that names no usable video; the message says what was expected and what came."""
+
+
+@dataclass
+class RecordingsReader:
+    """Reads the CSV files of one study, and remembers each video so that none comes twice."""
+
+    root: Path
+    faults: list[Fault] = field(default_factory=list)
+    _rows_by_path: dict[Path, str] = field(default_factory=dict)
+    _rows_by_content: dict[str, str] = field(default_factory=dict)
+
+    def read(self, environment: str, source: str, parameters: Sequence[str]) -> list[RecordingRow]:
+        """The rows without fault. Empty `parameters`: every other column is taken for one."""
+        lines = self._lines(source)
+        if not lines:
+            return []
+        header = [name.strip() for name in lines[0].cells]
+        names = list(parameters) or [n for n in header if n not in (FILE_COLUMN, SCORE_COLUMN)]
+        if not self._header_is_sound(source, lines[0].number, header, names):
+            return []
+        rows: list[RecordingRow] = []
+        candidates: set[tuple[float, ...]] = set()
+        for line in lines[1:]:
+            if len(line.cells) != len(header):
+                message = f"expected {len(header)} values as in the header, got {len(line.cells)}"
+                self._fault(source, line.number, message)
+                continue
+            cells = dict(zip(header, (cell.strip() for cell in line.cells), strict=True))
+            candidate = [self._number(source, line.number, name, cells[name]) for name in names]
+            score = None
+            if cells.get(SCORE_COLUMN):
+                score = self._number(source, line.number, SCORE_COLUMN, cells[SCORE_COLUMN])
+            video = self._video(source, line.number, cells[FILE_COLUMN])
+            if None in candidate:
+                continue
+            point = tuple(value for value in candidate if value is not None)
+            candidates.add(point)
+            if video is not None:
+                rows.append(
+                    RecordingRow(
+                        environment, point, video.file, video.sha256, video.duration_s, score
+                    )
+                )
+        if len(candidates) < FEWEST_CANDIDATES:
+            message = f"expected at least two different candidates, got {len(candidates)}"
+            self._fault(source, None, message)
+        return rows
+
+    def _lines(self, source: str) -> list[_Line]:
+        """All rows with something in them; a blank line between rows does no harm."""
+        try:
+            text = read_text(self.root, self.root / source)
+        except UnreadableFileError as error:
+            self._fault(source, error.line, str(error))
+            return []
+        lines: list[_Line] = []
+        reader = csv.reader(io.StringIO(text, newline=""), strict=True)
+        begins = 1
+        try:
+            for cells in reader:
+                if any(cell.strip() for cell in cells):
+                    lines.append(_Line(begins, cells))
+                begins = reader.line_num + 1
+        except csv.Error as error:
+            self._fault(source, begins, f"expected values separated by commas, got: {error}")
+            return []
+        if not lines:
+            self._fault(source, None, "expected a header row, got an empty file")
+        return lines
+
+    def _header_is_sound(
+        self, source: str, line: int, header: Sequence[str], names: Sequence[str]
+    ) -> bool:
+        expected = [*names, FILE_COLUMN]
+        allowed = [*expected, SCORE_COLUMN]
+        came = ", ".join(header)
+        problems = [
+            f"expected a column {name}, got {came}" for name in expected if name not in header
+        ]
+        problems += [
+            f"unknown column {name!r}, expected {', '.join(expected)} and optionally {SCORE_COLUMN}"
+            for name in dict.fromkeys(header)
+            if name not in allowed
+        ]
+        problems += [
+            f"expected each column once, got {name} {header.count(name)} times"
+            for name in dict.fromkeys(header)
+            if header.count(name) > 1
+        ]
+        for problem in problems:
+            self._fault(source, line, problem)
+        return not problems
+
+    def _number(self, source: str, line: int, column: str, cell: str) -> float | None:
+        value = float(cell) if NUMBER.fullmatch(cell) else math.nan
+        if not math.isfinite(value):
+            self._fault(source, line, f"{column}: expected a finite number, got {cell!r}")
+            return None
+        # Negative zero is the same candidate as zero.
+        return value + 0.0
+
+    def _video(self, source: str, line: int, cell: str) -> _FoundVideo | None:
+        try:
+            return self._find_video(source, f"{source}:{line}", cell)
+        except _NoVideoError as error:
+            self._fault(source, line, f"{FILE_COLUMN}: {error}")
+            return None
+
+    def _find_video(self, source: str, here: str, cell: str) -> _FoundVideo:
+        # Opening a video needs PyAV, whose import every command would pay for otherwise.
+        from app.study.video import UnreadableVideoError, probe  # noqa: PLC0415
+
+        problem = misplaced(cell)
+        if problem is not None:
+            raise _NoVideoError(problem)
+        path = (self.root / source).parent / cell
+        if not within(self.root, path):
+            raise _NoVideoError(f"expected a file inside the study folder, got the link {cell!r}")
+        first = self._rows_by_path.setdefault(path.resolve(), here)
+        if first != here:
+            raise _NoVideoError(f"expected each file once, got {cell!r} again (first in {first})")
+        if not path.is_file():
+            raise _NoVideoError(f"expected a video, there is no file {cell!r}")
+        try:
+            sha256 = _sha256(path)
+            first = self._rows_by_content.setdefault(sha256, here)
+            if first != here:
+                came = f"got {cell!r} with the same content as the one in {first}"
+                raise _NoVideoError(f"expected each video once, {came}")
+            video = probe(path)
+        except (UnreadableVideoError, OSError) as error:
+            raise _NoVideoError(
+                f"expected a video that can be played, got {cell!r}: {error}"
+            ) from error
+        return _FoundVideo(path.relative_to(self.root).as_posix(), sha256, video.duration_s)
+
+    def _fault(self, source: str, line: int | None, message: str) -> None:
+        self.faults.append(Fault(source, line, message))
+
+
+def candidates_of(rows: Sequence[RecordingRow], environment: str) -> tuple[tuple[float, ...], ...]:
+    """The different candidates of an environment, in the order they first come in the file."""
+    return tuple(dict.fromkeys(row.candidate for row in rows if row.environment == environment))
+
+
+def _sha256(path: Path) -> str:
+    with path.open("rb") as content:
+        return hashlib.file_digest(content, "sha256").hexdigest()

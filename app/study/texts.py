@@ -1,0 +1,66 @@
+"""A study's texts: Markdown to safe HTML, and the version of a consent text."""
+
+import hashlib
+import unicodedata
+from collections.abc import Sequence
+from typing import Any
+
+from markdown_it import MarkdownIt
+from markdown_it.renderer import RendererHTML
+from markdown_it.rules_core import StateCore
+from markdown_it.token import Token
+from markdown_it.utils import EnvType, OptionsDict
+
+# The page's own title is its one h1.
+FIRST_HEADING_LEVEL = 2
+LAST_HEADING_LEVEL = 6
+CONSENT_VERSION_DIGITS = 12
+
+
+def render(markdown: str) -> str:
+    """HTML of a study's text. Raw HTML in it is shown as written, never run."""
+    rendered: str = _MARKDOWN.render(markdown)
+    return rendered
+
+
+def consent_version(markdown: str) -> str:
+    """The first 12 hex digits of SHA-256 of the text.
+
+    Line ends, trailing blanks and the way an accent is encoded do not count: no reader sees them,
+    and a change of version asks everybody for their consent again.
+    """
+    lines = unicodedata.normalize("NFC", markdown).splitlines()
+    normalised = "\n".join(line.rstrip() for line in lines).strip()
+    return hashlib.sha256(normalised.encode("utf-8")).hexdigest()[:CONSENT_VERSION_DIGITS]
+
+
+def _lower_headings(state: StateCore) -> None:
+    for token in state.tokens:
+        if token.type in ("heading_open", "heading_close"):
+            level = int(token.tag.removeprefix("h")) + FIRST_HEADING_LEVEL - 1
+            token.tag = f"h{min(level, LAST_HEADING_LEVEL)}"
+
+
+def _link_open(
+    renderer: RendererHTML,
+    tokens: Sequence[Token],
+    index: int,
+    options: OptionsDict,
+    env: EnvType,
+) -> str:
+    # A link opens beside the study (nobody loses their place), and the page it leads to learns
+    # neither where the reader came from nor gets a handle on the study's window.
+    tokens[index].attrSet("target", "_blank")
+    tokens[index].attrSet("rel", "noopener noreferrer")
+    return renderer.renderToken(tokens, index, options, env)
+
+
+def _markdown() -> Any:
+    # Images are left out: a study page loads nothing from elsewhere, and texts have no files.
+    markdown = MarkdownIt("commonmark", {"html": False}).enable("table").disable("image")
+    markdown.core.ruler.push("lower_headings", _lower_headings)
+    markdown.add_render_rule("link_open", _link_open)
+    return markdown
+
+
+_MARKDOWN = _markdown()

@@ -1,0 +1,137 @@
+"""Reading YAML so that every key and list item knows the line it stands on.
+
+PyYAML's own loader forgets the lines, and keeps the last of two equal keys without a word.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import yaml
+
+from app.study.consistency import Place, path_text
+
+# PyYAML's composer calls itself for every level: deeper than this is no study, and would exhaust
+# the stack.
+DEEPEST_LEVEL = 50
+
+
+@dataclass(frozen=True)
+class YamlProblem:
+    line: int
+    message: str
+
+
+class YamlSyntaxError(Exception):
+    """Not the YAML of a study at all: nothing in it can be checked."""
+
+    def __init__(self, problem: YamlProblem) -> None:
+        super().__init__(f"line {problem.line}: {problem.message}")
+        self.problem = problem
+
+
+@dataclass(frozen=True)
+class YamlSource:
+    """The data of a YAML file, the line of every place in it, and its repeated keys."""
+
+    data: Mapping[str, object]
+    lines: Mapping[Place, int]
+    problems: tuple[YamlProblem, ...]
+
+    def line(self, place: Place) -> int:
+        """The line of the place, or of the nearest part of the file that holds it."""
+        while place and place not in self.lines:
+            place = place[:-1]
+        return self.lines.get(place, 1)
+
+
+@dataclass
+class _Reader:
+    """Turns a node tree into data, noting lines and repeated keys on the way."""
+
+    lines: dict[Place, int] = field(default_factory=dict)
+    problems: list[YamlProblem] = field(default_factory=list)
+    constructor: yaml.constructor.SafeConstructor = field(
+        default_factory=yaml.constructor.SafeConstructor
+    )
+
+    def value(self, node: yaml.Node, place: Place) -> object:
+        self.lines.setdefault(place, _line(node))
+        if isinstance(node, yaml.MappingNode):
+            return self._mapping(node, place)
+        if isinstance(node, yaml.SequenceNode):
+            return [self.value(item, (*place, index)) for index, item in enumerate(node.value)]
+        try:
+            scalar: object = self.constructor.construct_object(node)
+        except (yaml.YAMLError, ValueError) as error:
+            # A date such as 2024-13-01 has the form of one and is none.
+            raise YamlSyntaxError(
+                YamlProblem(_line(node), f"expected a value, got {node.value!r}")
+            ) from error
+        return scalar
+
+    def _mapping(self, node: yaml.MappingNode, place: Place) -> dict[str, object]:
+        data: dict[str, object] = {}
+        for key_node, value_node in node.value:
+            if not isinstance(key_node, yaml.ScalarNode):
+                message = "expected a plain word as a key, got a list or a mapping"
+                self.problems.append(YamlProblem(_line(key_node), message))
+                continue
+            # As written: YAML would read the keys `no` and `on` as booleans.
+            key = key_node.value
+            inner = (*place, key)
+            if key in data:
+                message = f"{path_text(inner)}: expected each key once, got it again"
+                message += f" (first in line {self.lines[inner]})"
+                self.problems.append(YamlProblem(_line(key_node), message))
+                continue
+            self.lines[inner] = _line(key_node)
+            data[key] = self.value(value_node, inner)
+        return data
+
+
+def read_yaml(text: str) -> YamlSource:
+    """The mapping that a YAML text holds; raises YamlSyntaxError if it holds none."""
+    try:
+        _refuse_aliases_and_depth(text)
+        node = yaml.compose(text, Loader=yaml.SafeLoader)
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark or error.context_mark
+        said = ", ".join(part for part in (error.context, error.problem) if part)
+        line = mark.line + 1 if mark else 1
+        raise YamlSyntaxError(YamlProblem(line, f"expected YAML, got a slip: {said}")) from error
+    except yaml.reader.ReaderError as error:
+        line = text[: error.position].count("\n") + 1
+        message = f"expected YAML, got the character {error.character!r}"
+        raise YamlSyntaxError(YamlProblem(line, message)) from error
+    if not isinstance(node, yaml.MappingNode):
+        came = "nothing" if node is None else "something else"
+        message = f"expected `key: value` lines, got {came}"
+        raise YamlSyntaxError(YamlProblem(1, message))
+    reader = _Reader()
+    data = reader.value(node, ())
+    assert isinstance(data, dict)  # a mapping node makes one
+    return YamlSource(data, reader.lines, tuple(reader.problems))
+
+
+def _refuse_aliases_and_depth(text: str) -> None:
+    """Aliases can repeat or contain themselves without end; a study has no need of them."""
+    depth = 0
+    for event in yaml.parse(text, Loader=yaml.SafeLoader):
+        line = _line(event)
+        if isinstance(event, yaml.AliasEvent):
+            message = f"expected the value itself, got the alias *{event.anchor}"
+            raise YamlSyntaxError(YamlProblem(line, message))
+        if isinstance(event, yaml.CollectionStartEvent):
+            depth += 1
+        elif isinstance(event, yaml.CollectionEndEvent):
+            depth -= 1
+        if depth > DEEPEST_LEVEL:
+            message = f"expected at most {DEEPEST_LEVEL} levels, got more"
+            raise YamlSyntaxError(YamlProblem(line, message))
+
+
+def _line(node: yaml.Node | yaml.Event) -> int:
+    # Only nodes and events made by hand have no mark.
+    assert node.start_mark is not None
+    line: int = node.start_mark.line
+    return line + 1

@@ -207,13 +207,15 @@ def _fall_in_clumps(
     # Even the loosest piece needs some gap.
     threshold = np.maximum(threshold, 0.0)
     exposure = environment.fall_rate * STEP_S + environment.jolt * motion.jolts  # (1001,)
-    beyond = np.maximum(motion.opening[:, None] - threshold, 0.0)  # (1001, p)
-    hazard = np.cumsum(beyond * exposure[:, None], axis=0)  # (1001, p)
-    step = np.count_nonzero(hazard < deadline, axis=0)  # (p,) first step at or past the deadline
-    starts = np.flatnonzero(np.concatenate(([True], ~entangled)))
-    together = np.minimum.reduceat(step, starts)
-    clump = np.cumsum(np.concatenate(([0], ~entangled)))
-    step = together[clump]
+    # One (p, 1001) array, worked on in place: this is the hot line of the whole library.
+    hazard = motion.opening - threshold[:, None]
+    np.maximum(hazard, 0.0, out=hazard)
+    hazard *= exposure
+    np.cumsum(hazard, axis=1, out=hazard)
+    alone = np.count_nonzero(hazard < deadline[:, None], axis=1)  # (p,) the step each would fall at
+    clump_starts = np.flatnonzero(np.concatenate(([True], ~entangled)))
+    clump = np.cumsum(np.concatenate(([0], ~entangled)))  # (p,)
+    step = np.minimum.reduceat(alone, clump_starts)[clump]
     release = np.where(step < STEPS, step * STEP_S, np.inf)
     return Pieces(mass=initial * share / share.sum(), release_time=release)
 

@@ -12,6 +12,10 @@ from numpy.typing import ArrayLike
 from app.crane.environments import FloatArray
 
 
+class WeightSeriesError(ValueError):
+    """What was given is no weight series."""
+
+
 def ideal(initial: ArrayLike, samples: int) -> FloatArray:
     """The ideal weight, (..., samples): a straight fall from ``initial`` (...) to 0."""
     start = np.asarray(initial, dtype=np.float64)
@@ -25,6 +29,10 @@ def score(weight: ArrayLike) -> FloatArray:
     has the leading axes (0-d for one run). The ideal begins at the run's own first weight.
     """
     series = np.asarray(weight, dtype=np.float64)
+    if series.ndim == 0 or series.shape[-1] < 2:
+        raise WeightSeriesError(
+            f"expected weight series of at least 2 samples, got an array of shape {series.shape}"
+        )
     away = series - ideal(series[..., 0], series.shape[-1])
     return np.asarray(-np.sqrt(np.mean(away * away, axis=-1)))
 

@@ -31,6 +31,7 @@ from app.study.protocol import (
     position,
 )
 from app.study.recordings import RecordingRow
+from app.study.scaffold import FolderNotEmptyError, init
 from app.study.texts import consent_version, render
 
 __all__ = [
@@ -44,6 +45,7 @@ __all__ = [
     "Environment",
     "Event",
     "Fault",
+    "FolderNotEmptyError",
     "Method",
     "OutOfOrder",
     "Parameter",
@@ -62,6 +64,7 @@ __all__ = [
     "advance",
     "choose_order",
     "consent_version",
+    "init",
     "load",
     "orders",
     "plan_hash",

@@ -85,7 +85,7 @@ def inconsistencies(plan: Mapping[str, object]) -> list[Inconsistency]:
 
 def _languages(plan: Mapping[str, object]) -> Iterator[Inconsistency]:
     languages = _languages_of(plan)
-    yield from _repeats("languages", languages)
+    yield from _repeats("languages", _list(plan.get("languages")))
     yield from _all_languages(("title",), plan.get("title"), languages)
 
 
@@ -191,9 +191,8 @@ def _repeats(section: str, values: list[object], key: str | None = None) -> Iter
             continue
         if value in first:
             place: Place = (section, index) if key is None else (section, index, key)
-            message = (
-                f"expected each only once, got {value!r} again (first at {section}[{first[value]}])"
-            )
+            as_at = f"{section}[{first[value]}]"
+            message = f"expected each once, got {value!r} again (as at {as_at})"
             yield Inconsistency(place, message)
         first.setdefault(value, index)
 

@@ -15,6 +15,7 @@ from app.study.yaml_source import YamlSource, YamlSyntaxError, read_yaml
 
 STUDY_FILE = "study.yaml"
 LONGEST_VALUE_SHOWN = 60
+NAME_MARK = "[key]"
 
 SettingsCheck = Callable[[Mapping[str, Any]], str | None]
 
@@ -41,7 +42,7 @@ def read_plan(text: str, settings_check: SettingsCheck | None = None) -> PlanRea
         plan = Plan.model_validate(source.data)
     except ValidationError as error:
         found.extend(
-            _fault(source, details["loc"], _message(details))
+            _fault(source, _place(details), _message(details))
             for details in error.errors(include_url=False)
             if details["type"] != "inconsistent"
         )
@@ -71,6 +72,12 @@ def _fault(source: YamlSource, place: Place, message: str) -> Fault:
     return Fault(STUDY_FILE, source.line(place), f"{path_text(place)}: {message}")
 
 
+def _place(details: ErrorDetails) -> Place:
+    """Where it is; pydantic marks that a mapping's name is meant, not its value, by a last step."""
+    place = details["loc"]
+    return place[:-1] if place and place[-1] == NAME_MARK else place
+
+
 def _message(details: ErrorDetails) -> str:
     """Our words for what pydantic found, out of the description of the field it found it in."""
     place, value = details["loc"], details["input"]
@@ -82,8 +89,10 @@ def _message(details: ErrorDetails) -> str:
         near = difflib.get_close_matches(str(place[-1]), known, n=1)
         hint = f" (did you mean {near[0]}?)" if near else ""
         return f"unknown key, expected one of {', '.join(known)}{hint}"
-    if place and place[-1] == "[key]":
+    if place and place[-1] == NAME_MARK:
         return f"expected {expectation}, got the name {shown(value)}"
+    if place and isinstance(place[-1], int):
+        return f"expected an entry of {expectation}, got {shown(value)}"
     return f"expected {expectation}, got {shown(value)}"
 
 

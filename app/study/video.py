@@ -39,9 +39,12 @@ def probe(path: Path) -> Video:
             duration_s = _stated_duration_s(container, stream)
             if duration_s is None:
                 duration_s = _measured_duration_s(container, stream)
-    except (av.FFmpegError, OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or str(error) or type(error).__name__
+    except (av.ArgumentError, av.InvalidDataError) as error:
+        # FFmpeg's "invalid argument" is its refusal of a form that is not in the list above.
+        reason = "it is no MP4, WebM, Ogg, AVI or MPEG video, or a damaged one"
         raise UnreadableVideoError(reason) from error
+    except (av.FFmpegError, OSError, ValueError) as error:
+        raise UnreadableVideoError(str(error)) from error
     if duration_s <= 0:
         raise UnreadableVideoError("it lasts no time")
     return Video(duration_s)

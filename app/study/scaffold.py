@@ -1,0 +1,22 @@
+"""The start of a study of one's own: a folder with a commented example to be filled in."""
+
+import shutil
+from pathlib import Path
+
+EXAMPLE = Path(__file__).parent / "shipped" / "example"
+
+
+class FolderNotEmptyError(Exception):
+    """The folder to begin a study in holds something already (or is a file)."""
+
+
+def init(folder: Path) -> None:
+    """Writes the example study into a new or empty folder."""
+    if folder.exists() and not folder.is_dir():
+        raise FolderNotEmptyError(f"expected a new or empty folder, got the file {folder}")
+    if folder.is_dir() and any(folder.iterdir()):
+        raise FolderNotEmptyError(
+            f"expected a new or empty folder, got {folder}, which holds something already"
+        )
+    # Contents only: an installed example may be read-only, and the copy is there to be edited.
+    shutil.copytree(EXAMPLE, folder, copy_function=shutil.copyfile, dirs_exist_ok=True)

@@ -1,0 +1,105 @@
+/**
+ * The session's half of `/api/v1`: who is asking travels in the cookie, which study in a header.
+ *
+ * @typedef {{url: string, duration_s: number}} Recording
+ * @typedef {{id: string, left: Recording, right: Recording, skip: null | {label: string}, prefetch: string[]}} Query
+ * @typedef {{trial: number, trials: number, query: number, queries: number, break_s?: number}} Progress
+ * @typedef {{
+ *   stage: string, progress: Progress, query?: Query,
+ *   break?: {ends_at: string, seconds_left: number},
+ *   familiarisation?: {videos: Recording[], required: number},
+ * }} State
+ * @typedef {"left" | "right" | "skip"} Response
+ * @typedef {{event: string, side: string | null, time_ms: number, value: number | string | null}} Evidence
+ * @typedef {{query_id: string, response: Response, rt_ms: number, replays: number, events: Evidence[]}} Answer
+ */
+
+/** A request that takes longer than this is taken for a broken line, and tried again. */
+const TIMEOUT_MS = 15_000;
+
+/** The server could not be reached, or did not answer in time. */
+export class Unreachable extends Error {}
+
+/** The server answered that it will not do this (RFC 9457). */
+export class Refused extends Error {
+  /**
+   * @param {number} status
+   * @param {{title?: string, detail?: string, stage?: string}} problem
+   */
+  constructor(status, problem) {
+    super(problem.detail || problem.title || `The server answered ${status}.`);
+    this.status = status;
+    this.stage = problem.stage;
+  }
+
+  /** Whether the very same request may succeed later. */
+  get isPassing() {
+    return this.status >= 500 || this.status === 408 || this.status === 425 || this.status === 429;
+  }
+}
+
+export class SessionApi {
+  /** @param {string} slug */
+  constructor(slug) {
+    this.slug = slug;
+  }
+
+  /** @returns {Promise<State>} where the session is now */
+  session() {
+    return this.#call("GET", "/session");
+  }
+
+  /**
+   * @param {Answer} answer
+   * @returns {Promise<State>}
+   */
+  respond(answer) {
+    return this.#call("POST", "/session/responses", answer);
+  }
+
+  /**
+   * @param {string} method
+   * @param {string} path
+   * @param {object} [body]
+   * @returns {Promise<State>}
+   */
+  async #call(method, path, body) {
+    /** @type {Record<string, string>} */
+    const headers = { "PBPO-Study": this.slug, Accept: "application/json" };
+    if (body) {
+      headers["Content-Type"] = "application/json";
+    }
+    let response, content;
+    try {
+      response = await fetch(`/api/v1${path}`, {
+        method,
+        headers,
+        body: body ? JSON.stringify(body) : undefined,
+        credentials: "same-origin",
+        cache: "no-store",
+        signal: AbortSignal.timeout(TIMEOUT_MS),
+      });
+      content = await response.text();
+    } catch (error) {
+      throw new Unreachable(String(error));
+    }
+    const value = parsed(content);
+    if (!response.ok) {
+      throw new Refused(response.status, value ?? {});
+    }
+    if (!value) {
+      // A proxy or a hotel's sign-in page answered in the server's place.
+      throw new Unreachable("the answer was not JSON");
+    }
+    return value;
+  }
+}
+
+/** @param {string} content */
+function parsed(content) {
+  try {
+    return JSON.parse(content);
+  } catch {
+    return null;
+  }
+}

@@ -1,0 +1,217 @@
+/**
+ * One player: a <video> that is reused from query to query, and over it what there is to say when it cannot
+ * play. A video that fails is tried again by itself, and by a button: there is no dead end.
+ *
+ * @typedef {"loading" | "ready" | "stalled" | "failed"} ClipState
+ * @typedef {{
+ *   onReady: (clip: Clip) => void,
+ *   onStalled: (clip: Clip) => void,
+ *   onFailed: (clip: Clip) => void,
+ *   onHesitating: (clip: Clip) => void,
+ *   onEvent: (event: string, clip: Clip) => void,
+ * }} ClipListener
+ */
+
+import { within } from "./dom.js";
+
+/** Seconds until a failed video is tried again; the last one repeats. */
+const RETRY_S = [1, 2, 4, 8, 15];
+
+/** Seconds without a byte after which a loading video counts as failed. */
+const SILENCE_S = 10;
+
+/** A hiccup shorter than this is not worth a word. */
+const STALL_MS = 200;
+
+/** With this much to show but no promise of reaching the end without a halt, start anyway. */
+const PATIENCE_MS = 1000;
+
+export class Clip {
+  /** @type {ClipState} */
+  state = "loading";
+  url = "";
+  #turn = 0;
+  #attempt = 0;
+  /** @type {ReturnType<typeof setTimeout> | undefined} */
+  #timer;
+  /** @type {ReturnType<typeof setTimeout> | undefined} */
+  #watchdog;
+
+  /**
+   * @param {HTMLElement} player
+   * @param {import("./preloader.js").Preloader} preloader
+   * @param {ClipListener} listener
+   */
+  constructor(player, preloader, listener) {
+    this.player = player;
+    this.side = player.dataset.side ?? "";
+    this.video = /** @type {HTMLVideoElement} */ (within(player, "video"));
+    this.preloader = preloader;
+    this.listener = listener;
+    this.note = within(player, ".player-note");
+    this.text = within(player, ".player-note > p");
+    this.button = within(player, ".player-note > button");
+    this.button.addEventListener("click", () => this.retry());
+
+    const video = this.video;
+    // Set here as well as in the page: some browsers ask the property, not the attribute, before they autoplay.
+    video.muted = true;
+    video.addEventListener("canplaythrough", () => this.#becomeReady());
+    video.addEventListener("canplay", () => this.#canPlay());
+    video.addEventListener("waiting", () => this.#wait());
+    video.addEventListener("error", () => this.#failIfCurrent());
+    video.addEventListener("progress", () => this.#watch());
+    video.addEventListener("suspend", () => this.#hesitate());
+    video.addEventListener("loadedmetadata", () => this.#shape());
+  }
+
+  get isReady() {
+    return this.state === "ready";
+  }
+
+  /** Whether all of the video is here, so that the line is free for others. */
+  get isWhole() {
+    const { buffered, duration } = this.video;
+    return this.isReady && buffered.length > 0 && buffered.end(buffered.length - 1) >= duration - 0.1;
+  }
+
+  /** @param {string} url */
+  show(url) {
+    this.url = url;
+    this.#attempt = 0;
+    this.#turn += 1;
+    this.#enter("loading");
+    const source = this.preloader.source(url);
+    if (typeof source === "string") {
+      this.#use(source);
+    } else {
+      const turn = this.#turn;
+      this.#watch();
+      source.then((value) => turn === this.#turn && this.#use(value));
+    }
+  }
+
+  /** Try a failed video again now. */
+  async retry() {
+    clearTimeout(this.#timer);
+    const turn = (this.#turn += 1);
+    this.listener.onEvent("retry", this);
+    this.text.textContent = "Trying again";
+    this.button.hidden = true;
+    const source = await this.preloader.again(this.url);
+    if (turn !== this.#turn) {
+      return;
+    }
+    if (source) {
+      this.#use(source);
+    } else {
+      this.#fail();
+    }
+  }
+
+  /** @param {string} source */
+  #use(source) {
+    this.video.playbackRate = 1;
+    this.video.src = source;
+    this.video.load();
+    this.#watch();
+  }
+
+  #canPlay() {
+    const turn = this.#turn;
+    if (this.state === "stalled") {
+      this.#becomeReady();
+    } else {
+      setTimeout(() => turn === this.#turn && this.video.readyState >= HTMLMediaElement.HAVE_FUTURE_DATA && this.#becomeReady(), PATIENCE_MS);
+    }
+  }
+
+  #becomeReady() {
+    if (this.state === "ready" || !this.video.currentSrc) {
+      return;
+    }
+    const recovered = this.state !== "loading";
+    clearTimeout(this.#timer);
+    clearTimeout(this.#watchdog);
+    this.#attempt = 0;
+    this.#enter("ready");
+    if (recovered) {
+      this.listener.onEvent("recovered", this);
+    }
+    this.listener.onReady(this);
+  }
+
+  #wait() {
+    const turn = this.#turn;
+    setTimeout(() => {
+      const { video } = this;
+      const dry = video.readyState < HTMLMediaElement.HAVE_FUTURE_DATA && !video.ended && !video.seeking;
+      if (turn === this.#turn && this.state === "ready" && !video.paused && dry) {
+        this.#enter("stalled");
+        this.#watch();
+        this.listener.onEvent("stall", this);
+        this.listener.onStalled(this);
+      }
+    }, STALL_MS);
+  }
+
+  /** The browser stopped loading before there is enough to play: it may want a press first (phones saving data). */
+  #hesitate() {
+    if (this.state === "loading" && this.video.readyState < HTMLMediaElement.HAVE_FUTURE_DATA) {
+      clearTimeout(this.#watchdog);
+      this.listener.onHesitating(this);
+    }
+  }
+
+  /** Start counting the silence anew. */
+  #watch() {
+    clearTimeout(this.#watchdog);
+    if (this.state === "ready" || this.state === "failed") {
+      return;
+    }
+    const turn = this.#turn;
+    this.#watchdog = setTimeout(() => turn === this.#turn && !this.isReady && this.#fail(), SILENCE_S * 1000);
+  }
+
+  #failIfCurrent() {
+    // Taking a source away also reports an error; that one means nothing.
+    if (this.video.getAttribute("src")) {
+      this.#fail();
+    }
+  }
+
+  #fail() {
+    clearTimeout(this.#timer);
+    clearTimeout(this.#watchdog);
+    this.#turn += 1;
+    this.#enter("failed");
+    this.listener.onEvent("error", this);
+    this.listener.onFailed(this);
+    const wait = RETRY_S[Math.min(this.#attempt, RETRY_S.length - 1)];
+    this.#attempt += 1;
+    this.#timer = setTimeout(() => this.retry(), wait * 1000);
+  }
+
+  /** @param {ClipState} state */
+  #enter(state) {
+    clearTimeout(this.#timer);
+    this.state = state;
+    this.player.dataset.state = state;
+    this.note.hidden = state === "ready";
+    const hadFocus = document.activeElement === this.button;
+    this.button.hidden = state !== "failed";
+    if (hadFocus && this.button.hidden) {
+      this.button.blur();
+    }
+    this.text.textContent = { loading: "Loading", stalled: "Waiting for the video", failed: "This video did not load.", ready: "" }[state];
+  }
+
+  #shape() {
+    const { videoWidth: width, videoHeight: height } = this.video;
+    if (width > 0 && height > 0) {
+      const frame = this.player.parentElement ?? this.player;
+      frame.style.setProperty("--aspect", `${width} / ${height}`);
+      frame.style.setProperty("--aspect-number", String(width / height));
+    }
+  }
+}

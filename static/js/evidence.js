@@ -1,0 +1,84 @@
+/**
+ * What happened while one pair was on the page: the evidence that goes with an answer.
+ * Times are milliseconds since the pair came onto the page; `rt_ms` is counted from both videos playing.
+ */
+
+/** A record longer than this says nothing more; it only gets heavier. */
+const MOST_EVENTS = 200;
+
+export class EvidenceLog {
+  replays = 0;
+  /** @type {import("./api.js").Evidence[]} */
+  #events = [];
+  #shownAt = 0;
+  #playingAt = NaN;
+
+  constructor() {
+    document.addEventListener("visibilitychange", () => this.add(document.visibilityState));
+    window.addEventListener("blur", () => this.add("blur"));
+    window.addEventListener("focus", () => this.add("focus"));
+    document.addEventListener("fullscreenchange", () => this.add("fullscreen", null, document.fullscreenElement ? 1 : 0));
+  }
+
+  /** A new pair is on the page. */
+  begin() {
+    this.replays = 0;
+    this.#events = [];
+    this.#shownAt = performance.now();
+    this.#playingAt = NaN;
+    this.add("shown");
+    this.add(document.visibilityState);
+  }
+
+  /** @param {number} at when the later of the two began to play */
+  bothPlaying(at) {
+    this.#playingAt = at;
+  }
+
+  /**
+   * @param {string} event
+   * @param {string | null} [side]
+   * @param {number | string | null} [value]
+   */
+  add(event, side = null, value = null) {
+    if (this.#events.length < MOST_EVENTS) {
+      this.#events.push({ event, side, time_ms: Math.round(performance.now() - this.#shownAt), value });
+    }
+  }
+
+  /**
+   * The record as it stands when a response is pressed.
+   * @param {string} queryId
+   * @param {import("./api.js").Response} response
+   * @param {number} pressedAt milliseconds on the page's clock
+   * @param {import("./pair.js").Pair} pair
+   * @returns {import("./api.js").Answer}
+   */
+  answer(queryId, response, pressedAt, pair) {
+    for (const { side, video } of pair.clips) {
+      this.add("watched", side, Math.round(watchedFraction(video) * 1000) / 1000);
+      this.add("width", side, Math.round(video.clientWidth));
+      this.add("dropped_frames", side, video.getVideoPlaybackQuality?.().droppedVideoFrames ?? null);
+    }
+    this.add("worst_drift", null, Math.round(pair.worstDrift));
+    return {
+      query_id: queryId,
+      response,
+      rt_ms: Math.max(0, Math.round(pressedAt - this.#playingAt)),
+      replays: this.replays,
+      events: this.#events,
+    };
+  }
+}
+
+/**
+ * @param {HTMLVideoElement} video
+ * @returns {number} the part of the video that was played at least once, 0 to 1
+ */
+function watchedFraction({ played, duration }) {
+  let seconds = 0;
+  for (let index = 0; index < played.length; index += 1) {
+    seconds += played.end(index) - played.start(index);
+  }
+  return duration > 0 ? Math.min(1, seconds / duration) : 0;
+}

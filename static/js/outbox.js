@@ -1,0 +1,92 @@
+/**
+ * The answer on its way to the server. It is kept in the browser until the server has it, and sent again
+ * for as long as that takes, so that nobody is asked the same thing twice because a line broke.
+ */
+
+import { pause } from "./dom.js";
+import { Refused, Unreachable } from "./api.js";
+
+/** Seconds between attempts; the last one repeats. */
+const BACKOFF_S = [1, 2, 4, 8, 15];
+
+export class Outbox {
+  /** @type {() => void} */
+  #wake = () => {};
+
+  /**
+   * @param {import("./api.js").SessionApi} api
+   * @param {{onLate: () => void, onSaved: () => void}} listener told when an attempt failed, and when a late answer was saved
+   */
+  constructor(api, listener) {
+    this.api = api;
+    this.listener = listener;
+    this.key = `pbpo:answer:${api.slug}`;
+    window.addEventListener("online", () => this.tryNow());
+  }
+
+  /**
+   * Send an answer until the server has it or refuses it for good.
+   * @param {import("./api.js").Answer} answer
+   * @returns {Promise<import("./api.js").State>}
+   */
+  async send(answer) {
+    this.#keep(answer);
+    for (let attempt = 0; ; attempt += 1) {
+      try {
+        const state = await this.api.respond(answer);
+        this.#forget();
+        if (attempt > 0) {
+          this.listener.onSaved();
+        }
+        return state;
+      } catch (error) {
+        const passing = error instanceof Unreachable || (error instanceof Refused && error.isPassing);
+        if (!passing) {
+          this.#forget();
+          throw error;
+        }
+        this.listener.onLate();
+        const woken = new Promise((resolve) => {
+          this.#wake = () => resolve(undefined);
+        });
+        await Promise.race([pause(BACKOFF_S[Math.min(attempt, BACKOFF_S.length - 1)]), woken]);
+      }
+    }
+  }
+
+  /** Do not wait for the next attempt. */
+  tryNow() {
+    this.#wake();
+  }
+
+  /**
+   * The answer to this query that an earlier visit to the page could not save.
+   * @param {string} queryId
+   * @returns {import("./api.js").Answer | null}
+   */
+  unsaved(queryId) {
+    try {
+      const answer = JSON.parse(localStorage.getItem(this.key) ?? "null");
+      return answer?.query_id === queryId ? answer : null;
+    } catch {
+      return null;
+    }
+  }
+
+  /** @param {import("./api.js").Answer} answer */
+  #keep(answer) {
+    try {
+      localStorage.setItem(this.key, JSON.stringify(answer));
+    } catch {
+      // Storage may be full or forbidden: the answer then lives as long as the page does.
+    }
+  }
+
+  #forget() {
+    try {
+      localStorage.removeItem(this.key);
+    } catch {
+      // As above.
+    }
+  }
+}

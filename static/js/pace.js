@@ -1,0 +1,57 @@
+/**
+ * How long the comparisons still take, from how long they took so far.
+ */
+
+/** Seconds for one comparison before there is anything to go by: a 10 s video and a moment to decide. */
+const FIRST_GUESS_S = 14;
+
+/** Comparisons that count: a person gets faster, and one pause must not matter. */
+const REMEMBERED = 9;
+
+/** Longer than this, somebody went for a coffee. */
+const LONGEST_S = 120;
+
+export class Pace {
+  /** @type {number[]} */
+  #seconds = [];
+
+  /** @param {string} slug */
+  constructor(slug) {
+    this.key = `pbpo:pace:${slug}`;
+    try {
+      const kept = JSON.parse(sessionStorage.getItem(this.key) ?? "[]");
+      this.#seconds = kept.filter(Number.isFinite);
+    } catch {
+      // Nothing kept: start from the guess.
+    }
+  }
+
+  /** @param {number} seconds one comparison took, from pair to pair */
+  took(seconds) {
+    this.#seconds = [...this.#seconds, Math.min(seconds, LONGEST_S)].slice(-REMEMBERED);
+    try {
+      sessionStorage.setItem(this.key, JSON.stringify(this.#seconds));
+    } catch {
+      // It is only an estimate.
+    }
+  }
+
+  /**
+   * @param {import("./api.js").Progress} progress
+   * @returns {string} such as "About 12 min left"
+   */
+  left({ trial, trials, query, queries, break_s: breakSeconds = 0 }) {
+    const comparisons = (trials - trial) * queries + queries - query + 1;
+    const seconds = comparisons * this.#typical() + (trials - trial) * breakSeconds;
+    const minutes = Math.round(seconds / 60);
+    return minutes < 1 ? "Less than a minute left" : `About ${minutes} min left`;
+  }
+
+  #typical() {
+    if (this.#seconds.length < 3) {
+      return FIRST_GUESS_S;
+    }
+    const sorted = [...this.#seconds].sort((a, b) => a - b);
+    return sorted[Math.floor(sorted.length / 2)];
+  }
+}

@@ -1,0 +1,26 @@
+/**
+ * What every page does: read its heading out on arrival, and send each form once.
+ */
+
+import { focusHeading } from "./dom.js";
+
+// A page that has an error to read out keeps the focus where the browser puts it.
+if (!document.querySelector('[role="alert"]')) {
+  focusHeading();
+}
+
+document.addEventListener("submit", (event) => {
+  const form = /** @type {HTMLFormElement} */ (event.target);
+  if (form.dataset.sent) {
+    event.preventDefault(); // the second half of a double click
+    return;
+  }
+  form.dataset.sent = "yes";
+});
+
+// A page brought back by the Back button may send its forms again; the server decides what that means.
+window.addEventListener("pageshow", () => {
+  for (const form of document.forms) {
+    delete form.dataset.sent;
+  }
+});

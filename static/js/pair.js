@@ -1,0 +1,278 @@
+/**
+ * Two players that start on the same frame, stay together, and begin again together.
+ *
+ * @typedef {{
+ *   onFirstPlaying: (at: number) => void,
+ *   onNeedsPress: () => void,
+ *   onStarting: () => void,
+ *   onEvent: (event: string, side: string | null, value?: number | null) => void,
+ * }} PairListener
+ */
+
+import { Clip } from "./clip.js";
+import { wantsLessMotion } from "./dom.js";
+
+/** A rest between the end and the next beginning, so that the two can be told apart. */
+const REST_MS = 800;
+
+/** How often the two are compared while they play. */
+const COMPARE_MS = 200;
+
+/** Differences of the two clocks, in seconds: left alone below the first, closed by a jump above the second. */
+const TOLERATED_S = 0.008;
+const JUMP_S = 0.5;
+
+/** In between, the right one runs this much faster or slower at most: too little to be seen. */
+const RATE_CHANGE = 0.08;
+
+/** A seek that takes longer than this will not happen. */
+const SEEK_MS = 2000;
+
+export class Pair {
+  /** @type {"loading" | "press" | "playing" | "held" | "resting"} */
+  phase = "loading";
+  /** Milliseconds the two were apart at most, in what was played of this pair; and at its first start. */
+  worstDrift = 0;
+  #turn = 0;
+  #pressed = false;
+  /** @type {Map<string, number>} */
+  #playingAt = new Map();
+  #hasPlayed = false;
+  /** @type {ReturnType<typeof setTimeout> | undefined} */
+  #rest;
+
+  /**
+   * @param {HTMLElement} left
+   * @param {HTMLElement} right
+   * @param {import("./preloader.js").Preloader} preloader
+   * @param {PairListener} listener
+   */
+  constructor(left, right, preloader, listener) {
+    this.listener = listener;
+    /** @type {import("./clip.js").ClipListener} */
+    const clipListener = {
+      onReady: () => this.#ready(),
+      onStalled: () => this.#hold("held"),
+      onFailed: () => this.#hold("loading"),
+      onHesitating: () => this.#needPress(),
+      onEvent: (event, clip) => listener.onEvent(event, clip.side),
+    };
+    this.left = new Clip(left, preloader, clipListener);
+    this.right = new Clip(right, preloader, clipListener);
+    for (const clip of this.clips) {
+      clip.video.addEventListener("playing", (event) => this.#playing(clip, event.timeStamp));
+      clip.video.addEventListener("ended", () => this.#ended());
+    }
+    setInterval(() => this.#keepTogether(), COMPARE_MS);
+    document.addEventListener("visibilitychange", () => this.#comeBack());
+  }
+
+  get clips() {
+    return [this.left, this.right];
+  }
+
+  get videos() {
+    return [this.left.video, this.right.video];
+  }
+
+  /** Whether both videos are here to their ends. */
+  get isWhole() {
+    return this.left.isWhole && this.right.isWhole;
+  }
+
+  /**
+   * @param {string} leftUrl
+   * @param {string} rightUrl
+   */
+  show(leftUrl, rightUrl) {
+    this.#turn += 1;
+    clearTimeout(this.#rest);
+    this.phase = "loading";
+    this.worstDrift = 0;
+    this.#pressed = false;
+    this.#hasPlayed = false;
+    this.#playingAt.clear();
+    this.left.show(leftUrl);
+    this.right.show(rightUrl);
+  }
+
+  /** Play both from their beginning because somebody pressed for it. */
+  press() {
+    this.#pressed = true;
+    if (this.phase === "press" || this.clips.every((clip) => clip.isReady)) {
+      this.#start();
+    }
+  }
+
+  #ready() {
+    if (!this.clips.every((clip) => clip.isReady)) {
+      return;
+    }
+    if (this.phase === "held") {
+      this.#goOn();
+    } else if (this.phase === "loading" || this.phase === "press") {
+      if (wantsLessMotion() && !this.#pressed) {
+        this.#needPress();
+      } else {
+        this.#start();
+      }
+    }
+  }
+
+  /** @param {"held" | "loading"} phase */
+  #hold(phase) {
+    if (phase === "loading" || this.phase === "playing") {
+      this.#turn += 1;
+      clearTimeout(this.#rest);
+      this.phase = phase;
+      this.videos.forEach((video) => video.pause());
+    }
+  }
+
+  #needPress() {
+    if (this.phase === "loading") {
+      this.phase = "press";
+      this.listener.onNeedsPress();
+    }
+  }
+
+  /** Both from the first frame. In the very task of a press when nothing has to be wound back, for browsers that insist. */
+  #start() {
+    const turn = (this.#turn += 1);
+    clearTimeout(this.#rest);
+    this.phase = "playing";
+    this.#playingAt.clear();
+    this.listener.onStarting();
+    const late = this.videos.filter((video) => video.currentTime > 0 || video.seeking);
+    if (late.length === 0) {
+      this.#playBoth(turn);
+      return;
+    }
+    this.videos.forEach((video) => video.pause());
+    Promise.all(late.map((video) => moved(video, 0))).then(() => turn === this.#turn && this.#playBoth(turn));
+  }
+
+  /** After a stall: from where the one that waited stands. */
+  #goOn() {
+    const turn = (this.#turn += 1);
+    this.phase = "playing";
+    const behind = Math.min(...this.videos.map((video) => video.currentTime));
+    const ahead = this.videos.filter((video) => video.currentTime - behind > TOLERATED_S);
+    Promise.all(ahead.map((video) => moved(video, behind))).then(() => turn === this.#turn && this.#playBoth(turn));
+  }
+
+  /** @param {number} turn */
+  #playBoth(turn) {
+    if (!this.#hasPlayed) {
+      this.#measureStart(turn);
+    }
+    const playing = this.videos.map((video) => {
+      video.playbackRate = 1;
+      return video.play();
+    });
+    Promise.all(playing).catch((error) => {
+      if (turn !== this.#turn) {
+        return; // overtaken by another pair or another start
+      }
+      this.videos.forEach((video) => video.pause());
+      if (error.name === "NotAllowedError") {
+        this.phase = "loading";
+        this.#needPress();
+      }
+      // Any other failure is the clip's: it has its own words and its own retry.
+    });
+  }
+
+  /**
+   * @param {Clip} clip
+   * @param {number} at milliseconds on the page's clock
+   */
+  #playing(clip, at) {
+    if (this.#hasPlayed || this.phase !== "playing") {
+      return;
+    }
+    this.#playingAt.set(clip.side, at);
+    this.listener.onEvent("playing", clip.side);
+    if (this.#playingAt.size === 2) {
+      this.#hasPlayed = true;
+      this.listener.onFirstPlaying(Math.max(...this.#playingAt.values()));
+    }
+  }
+
+  #ended() {
+    if (this.phase !== "playing" || !this.videos.every((video) => video.ended)) {
+      return;
+    }
+    this.phase = "resting";
+    this.listener.onEvent("ended", null);
+    if (!wantsLessMotion()) {
+      this.#rest = setTimeout(() => this.#start(), REST_MS);
+    }
+  }
+
+  #keepTogether() {
+    const [left, right] = this.videos;
+    const running = this.videos.every((video) => !video.paused && !video.ended && !video.seeking && video.readyState >= 3);
+    if (this.phase !== "playing" || !running) {
+      return;
+    }
+    const apart = left.currentTime - right.currentTime;
+    this.worstDrift = Math.max(this.worstDrift, Math.abs(apart) * 1000);
+    if (Math.abs(apart) > JUMP_S) {
+      right.currentTime = left.currentTime;
+      right.playbackRate = 1;
+    } else {
+      const change = Math.abs(apart) > TOLERATED_S ? apart / (2 * COMPARE_MS / 1000) : 0;
+      right.playbackRate = 1 + Math.max(-RATE_CHANGE, Math.min(RATE_CHANGE, change));
+    }
+  }
+
+  /** Browsers pause silent videos of hidden tabs, and not all of them play on by themselves. */
+  #comeBack() {
+    if (document.visibilityState === "visible" && this.phase === "playing" && this.videos.some((video) => video.paused && !video.ended)) {
+      this.#goOn();
+    }
+  }
+
+  /**
+   * How far apart the two first moving frames were, from when each was put on the screen and where it belongs in its video.
+   * @param {number} turn
+   */
+  #measureStart(turn) {
+    /** @type {number[]} */
+    const offsets = [];
+    for (const video of this.videos) {
+      if (!("requestVideoFrameCallback" in video)) {
+        return;
+      }
+      /** @type {VideoFrameRequestCallback} */
+      const look = (_now, frame) => {
+        if (turn !== this.#turn) {
+          return;
+        }
+        if (frame.mediaTime === 0) {
+          video.requestVideoFrameCallback(look);
+          return;
+        }
+        offsets.push((video === this.left.video ? 1 : -1) * (frame.expectedDisplayTime - frame.mediaTime * 1000));
+        if (offsets.length === 2) {
+          this.listener.onEvent("start_skew", null, Math.round(Math.abs(offsets[0] + offsets[1])));
+        }
+      };
+      video.requestVideoFrameCallback(look);
+    }
+  }
+}
+
+/**
+ * @param {HTMLVideoElement} video
+ * @param {number} seconds
+ * @returns {Promise<void>} when it stands there
+ */
+function moved(video, seconds) {
+  return new Promise((resolve) => {
+    const timer = setTimeout(resolve, SEEK_MS);
+    video.addEventListener("seeked", () => { clearTimeout(timer); resolve(); }, { once: true });
+    video.currentTime = seconds;
+  });
+}

@@ -1,0 +1,143 @@
+/**
+ * Videos fetched ahead of time, as blobs that a player can show without asking the network.
+ */
+
+/** Two requests at a time leave the line room for everything else. */
+const AT_ONCE = 2;
+
+/** Blobs kept beyond those still asked for: a pair that comes again, or comes one query later. */
+const KEPT = 12;
+
+/** The time a whole video (about 0.4 MB) takes on a line too slow to take part on. */
+const TIMEOUT_MS = 60_000;
+
+export class Preloader {
+  /** @type {Map<string, {loading: Promise<string | null>, blobUrl: string | null, stop: AbortController}>} */
+  #entries = new Map();
+  /** @type {string[]} */
+  #queue = [];
+  #running = 0;
+
+  /**
+   * Fetch these, in this order, after what is already under way.
+   * @param {string[]} urls likeliest first
+   */
+  want(urls) {
+    this.#queue = urls.filter((url) => !this.#entries.has(url));
+    // Asked for again: young again.
+    for (const url of urls) {
+      const entry = this.#entries.get(url);
+      if (entry) {
+        this.#entries.delete(url);
+        this.#entries.set(url, entry);
+      }
+    }
+    this.#fill();
+  }
+
+  /**
+   * A source for this video: a blob if it is here or on its way, else the address itself.
+   * Never rejects; a fetch that fails leaves the address.
+   * @param {string} url
+   * @returns {string | Promise<string>}
+   */
+  source(url) {
+    const entry = this.#entries.get(url);
+    if (!entry) {
+      return url;
+    }
+    return entry.blobUrl ?? entry.loading.then((blobUrl) => blobUrl ?? url);
+  }
+
+  /**
+   * Stop fetching, and let go of what is not among the newest, except for these.
+   * @param {string[]} inUse
+   */
+  settle(inUse) {
+    this.#queue = [];
+    for (const [url, entry] of this.#entries) {
+      if (!entry.blobUrl && !inUse.includes(url)) {
+        entry.stop.abort();
+        this.#entries.delete(url);
+      }
+    }
+    for (const [url, entry] of this.#entries) {
+      if (this.#entries.size <= KEPT) {
+        break;
+      }
+      if (entry.blobUrl && !inUse.includes(url)) {
+        URL.revokeObjectURL(entry.blobUrl);
+        this.#entries.delete(url);
+      }
+    }
+  }
+
+  /**
+   * Fetch a video that would not play afresh, past every cache.
+   * @param {string} url
+   * @returns {Promise<string | null>} null if that failed too
+   */
+  again(url) {
+    const old = this.#entries.get(url);
+    if (old) {
+      old.stop.abort();
+      if (old.blobUrl) {
+        URL.revokeObjectURL(old.blobUrl);
+      }
+    }
+    return this.#fetch(url, "reload");
+  }
+
+  #fill() {
+    while (this.#running < AT_ONCE && this.#queue.length > 0) {
+      const url = /** @type {string} */ (this.#queue.shift());
+      this.#running += 1;
+      this.#fetch(url, "default").then(() => {
+        this.#running -= 1;
+        this.#fill();
+      });
+    }
+  }
+
+  /**
+   * @param {string} url
+   * @param {RequestCache} cache
+   * @returns {Promise<string | null>}
+   */
+  #fetch(url, cache) {
+    const stop = new AbortController();
+    const entry = {
+      blobUrl: /** @type {string | null} */ (null),
+      stop,
+      loading: fetchedBlob(url, cache, stop.signal).then((blob) => {
+        if (this.#entries.get(url) !== entry) {
+          return null; // let go of while it was on its way
+        }
+        if (!blob) {
+          this.#entries.delete(url);
+          return null;
+        }
+        entry.blobUrl = URL.createObjectURL(blob);
+        return entry.blobUrl;
+      }),
+    };
+    this.#entries.set(url, entry);
+    return entry.loading;
+  }
+}
+
+/**
+ * @param {string} url
+ * @param {RequestCache} cache
+ * @param {AbortSignal} signal
+ * @returns {Promise<Blob | null>}
+ */
+async function fetchedBlob(url, cache, signal) {
+  try {
+    const limit = AbortSignal.timeout(TIMEOUT_MS);
+    const response = await fetch(url, { cache, credentials: "same-origin", signal: AbortSignal.any([signal, limit]) });
+    return response.ok ? await response.blob() : null;
+  } catch {
+    return null;
+  }
+}

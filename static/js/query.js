@@ -1,0 +1,289 @@
+/**
+ * The query page: shows a pair, takes one response to it, and goes on to what the server says comes next.
+ */
+
+import { AnswerButtons } from "./answers.js";
+import { Refused, SessionApi } from "./api.js";
+import { announce, byId, focusHeading, pause, stateOfPage, within } from "./dom.js";
+import { EvidenceLog } from "./evidence.js";
+import { listenForKeys } from "./keys.js";
+import { Outbox } from "./outbox.js";
+import { Pace } from "./pace.js";
+import { Pair } from "./pair.js";
+import { Preloader } from "./preloader.js";
+
+/** A press this soon after a new pair was meant for the one before. */
+const GUARD_MS = 250;
+
+/** Seconds after both videos play at which the server is asked what to preload; it is still working it out. */
+const ASK_AHEAD_S = [1, 2, 4, 8];
+
+/** If a pair takes longer than this to play, the page says which one it is all the same. */
+const SAY_ANYWAY_MS = 1500;
+
+const slug = byId("query").dataset.slug ?? "";
+const api = new SessionApi(slug);
+const preloader = new Preloader();
+const evidence = new EvidenceLog();
+const pace = new Pace(slug);
+const start = byId("start");
+const notice = byId("notice");
+const noticeAction = byId("notice-action");
+const stage = byId("pair");
+
+let state = stateOfPage();
+/** @type {import("./api.js").Query} */
+let query = /** @type {import("./api.js").Query} */ (state.query);
+/** Grows with every pair: what was started for one pair leaves the next alone. */
+let turn = 0;
+let shownAt = 0;
+let sending = false;
+
+const pair = new Pair(within(stage, '.player[data-side="left"]'), within(stage, '.player[data-side="right"]'), preloader, {
+  onFirstPlaying(at) {
+    evidence.bothPlaying(at);
+    const mine = turn;
+    setTimeout(() => mine === turn && open(), Math.max(0, shownAt + GUARD_MS - performance.now()));
+    lookAhead(mine);
+  },
+  onNeedsPress() {
+    start.hidden = false;
+    announce("Press Play both to start the videos.");
+    say();
+  },
+  onStarting() {
+    start.hidden = true;
+  },
+  onEvent: (event, side, value) => evidence.add(event, side, value ?? null),
+});
+const buttons = new AnswerButtons(stage, (response, event) => respond(response, event));
+const outbox = new Outbox(api, {
+  onLate: () => warn("Not saved yet. Trying again.", "Try now", () => outbox.tryNow()),
+  onSaved: () => announce("Saved."),
+});
+
+/** Put the query of `state` onto the page. */
+function show() {
+  query = /** @type {import("./api.js").Query} */ (state.query);
+  turn += 1;
+  shownAt = performance.now();
+  sending = false;
+  start.hidden = true;
+  notice.hidden = true;
+  buttons.reset(query.skip);
+  evidence.begin();
+  preloader.settle([query.left.url, query.right.url]);
+  pair.show(query.left.url, query.right.url);
+  // Away from the button that was pressed: the keys work, and nothing is pressed again by mistake.
+  focusHeading();
+  const mine = turn;
+  setTimeout(() => mine === turn && say(), SAY_ANYWAY_MS);
+
+  const kept = outbox.unsaved(query.id);
+  if (kept) {
+    send(kept);
+  }
+}
+
+/** The pair can be answered. */
+function open() {
+  say();
+  if (!sending) {
+    buttons.isOpen = true;
+  }
+}
+
+/** Say where one is, once per pair: when it can be answered, or when that takes long. */
+function say() {
+  const { trial, trials, query: number, queries } = state.progress;
+  const where = `Trial ${trial} of ${trials} · Query ${number} of ${queries}`;
+  const line = byId("progress");
+  if (line.dataset.query !== query.id) {
+    line.dataset.query = query.id;
+    line.textContent = where;
+    announce(where.replace(" · ", ", "));
+  }
+  const bar = /** @type {HTMLProgressElement} */ (byId("progress-bar"));
+  bar.max = trials * queries;
+  bar.value = (trial - 1) * queries + number - 1;
+  byId("time-left").textContent = pace.left(state.progress);
+}
+
+/**
+ * @param {import("./api.js").Response} response
+ * @param {Event} event
+ */
+function respond(response, event) {
+  keepKeysWorking(event);
+  if (!buttons.isOpen) {
+    return;
+  }
+  evidence.add("pressed", null, event instanceof KeyboardEvent ? "key" : "button");
+  send(evidence.answer(query.id, response, event.timeStamp, pair));
+}
+
+/** @param {import("./api.js").Answer} answer */
+async function send(answer) {
+  sending = true;
+  buttons.confirm(answer.response);
+  pace.took((performance.now() - shownAt) / 1000);
+  let next;
+  try {
+    next = await outbox.send(answer);
+  } catch (error) {
+    const refused = error instanceof Refused ? error : null;
+    next = refused?.status === 409 ? await whereNow() : null;
+    if (!next) {
+      // Signed out, expired, or closed: the server's own page says so.
+      warn(refused?.message ?? "This answer could not be saved.", "Reload the page", () => location.reload());
+      return;
+    }
+  }
+  arrive(next);
+}
+
+/**
+ * Go where the server says the session is.
+ * @param {import("./api.js").State} next
+ */
+function arrive(next) {
+  if (next.stage !== "query" || !next.query) {
+    location.reload();
+    return;
+  }
+  state = next;
+  show();
+}
+
+/** @returns {Promise<import("./api.js").State | null>} */
+async function whereNow() {
+  for (;;) {
+    try {
+      return await api.session();
+    } catch (error) {
+      if (error instanceof Refused && !error.isPassing) {
+        return null;
+      }
+      warn("The server cannot be reached. Trying again.");
+      await pause(2);
+    }
+  }
+}
+
+/**
+ * While this pair plays, find out what may come next, and fetch it once this pair is here to its end.
+ * @param {number} mine
+ */
+async function lookAhead(mine) {
+  while (mine === turn && !pair.isWhole) {
+    await pause(0.2);
+  }
+  if (mine !== turn) {
+    return;
+  }
+  preloader.want(query.prefetch);
+  let known = query.prefetch;
+  for (const seconds of ASK_AHEAD_S) {
+    await pause(seconds);
+    if (mine !== turn || sending) {
+      return;
+    }
+    const fresh = await look(mine);
+    if (!fresh) {
+      continue;
+    }
+    preloader.want(fresh);
+    if (fresh.length > 0 && fresh.join() === known.join()) {
+      return; // twice the same: the server has worked everything out
+    }
+    known = fresh;
+  }
+}
+
+/**
+ * Ask the server where the session is; another tab may have answered.
+ * @param {number} mine
+ * @returns {Promise<string[] | null>} what to fetch ahead
+ */
+async function look(mine) {
+  try {
+    const now = await api.session();
+    if (mine !== turn || sending) {
+      return null;
+    }
+    if (now.stage !== "query" || now.query?.id !== query.id) {
+      arrive(now);
+      return null;
+    }
+    return now.query.prefetch;
+  } catch {
+    return null;
+  }
+}
+
+/**
+ * @param {string} text
+ * @param {string} [label]
+ * @param {() => void} [action]
+ */
+function warn(text, label, action) {
+  const line = byId("notice-text");
+  notice.hidden = false;
+  if (line.textContent !== text) {
+    line.textContent = text;
+  }
+  noticeAction.hidden = !action;
+  noticeAction.textContent = label ?? "";
+  noticeAction.onclick = action ?? null;
+}
+
+/**
+ * A mouse or a finger leaves the focus on what it pressed, and the keys would stop working there.
+ * @param {Event} event
+ */
+function keepKeysWorking(event) {
+  if (event instanceof MouseEvent && event.detail > 0) {
+    focusHeading();
+  }
+}
+
+/** @param {Event} event */
+function playAgain(event) {
+  keepKeysWorking(event);
+  if (start.hidden) {
+    evidence.replays += 1;
+    evidence.add("replay");
+  }
+  pair.press();
+}
+
+within(stage, ".replay").addEventListener("click", playAgain);
+within(start, "button").addEventListener("click", (event) => {
+  focusHeading();
+  playAgain(event);
+});
+listenForKeys({
+  ArrowLeft: (event) => { respond("left", event); return true; },
+  ArrowRight: (event) => { respond("right", event); return true; },
+  ArrowDown: (event) => {
+    if (query.skip) {
+      respond("skip", event);
+    }
+    return query.skip !== null; // without a skip, Down scrolls as everywhere
+  },
+  " ": (event) => { playAgain(event); return true; },
+});
+
+// Back from another tab, from sleep, or from the browser's own cache: is this still the pair?
+document.addEventListener("visibilitychange", () => {
+  if (document.visibilityState === "visible" && !sending) {
+    look(turn);
+  }
+});
+window.addEventListener("pageshow", (event) => {
+  if (event.persisted && !sending) {
+    look(turn);
+  }
+});
+
+show();

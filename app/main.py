@@ -1,0 +1,63 @@
+"""The web application, assembled."""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+
+from fastapi import FastAPI, Request
+from fastapi.responses import RedirectResponse, Response
+from fastapi.staticfiles import StaticFiles
+from starlette.types import Scope
+
+from app import __version__
+from app.services.settings import Settings
+from app.services.studio import Studio, open_studio
+from app.web import api, experimenter_pages, exports, media, participant_pages, problems, security
+from app.web.templating import STATIC
+
+
+class KeptStaticFiles(StaticFiles):
+    """Static files whose address changes with their content may be kept for ever."""
+
+    async def get_response(self, path: str, scope: Scope) -> Response:
+        response = await super().get_response(path, scope)
+        named_by_content = b"v=" in scope["query_string"]
+        response.headers["Cache-Control"] = (
+            "public, max-age=31536000, immutable" if named_by_content else "no-cache"
+        )
+        return response
+
+
+def create_app(settings: Settings | None = None, *, studio: Studio | None = None) -> FastAPI:
+    """The application over the studio of `settings`, or over one that is open already."""
+    opened = studio or open_studio(settings or Settings())
+
+    @asynccontextmanager
+    async def lifespan(_app: FastAPI) -> AsyncIterator[None]:
+        yield
+        if studio is None:
+            opened.close()
+
+    app = FastAPI(
+        title="PBPO Studio",
+        version=__version__,
+        description="Human evaluation studies by pairwise video choices.",
+        lifespan=lifespan,
+        # Their scripts come from other sites, which our pages' policy forbids.
+        docs_url=None,
+        redoc_url=None,
+    )
+    app.state.studio = opened
+    problems.install(app)
+    app.middleware("http")(security.guard)
+    app.add_exception_handler(experimenter_pages.ToSignIn, _to_sign_in)
+    app.mount("/static", KeptStaticFiles(directory=STATIC), name="static")
+    for module in (api, exports, media, participant_pages, experimenter_pages):
+        app.include_router(module.router)
+    return app
+
+
+async def _to_sign_in(_request: Request, error: Exception) -> Response:
+    assert isinstance(error, experimenter_pages.ToSignIn)
+    return RedirectResponse(error.location, status_code=303)

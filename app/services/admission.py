@@ -1,0 +1,143 @@
+"""Who comes in: what a newcomer is shown, and how a session begins."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import datetime, timedelta
+
+import numpy as np
+from sqlalchemy import or_, select
+from sqlalchemy.orm import Session
+
+from app.storage.tables import Identity, Participant, SessionRow
+from app.study import assignment
+from app.study.plan import Plan
+from app.study.protocol import Progress, Stage
+
+from . import state as session_state
+from . import studies
+from .errors import ForbiddenError, StudyNotOpenError
+from .state import State
+from .studio import Studio
+from .tokens import new_pseudonym, new_secret, secret_hash
+
+LIVE = "live"
+PREVIEW = "preview"
+SIMULATED = "simulated"
+
+#: A session that was not heard of for so long no longer holds its place in the balance.
+ACTIVE_FOR = timedelta(hours=1)
+
+
+@dataclass(frozen=True)
+class Entrance:
+    """What somebody who has no session yet is shown: the consent, and nothing is kept of them."""
+
+    slug: str
+    title: str
+    language: str
+    contact: str | None
+    consent: Mapping[str, str]
+    trials: int
+    queries: int
+
+
+def entrance(studio: Studio, slug: str, language: str | None = None) -> Entrance:
+    """The open study's consent. Raises NotFoundError, or StudyNotOpenError."""
+    study = studies.find(studio, slug)
+    _require_open(study.status, slug, LIVE)
+    language = _language(study.plan, language)
+    return Entrance(
+        slug=slug,
+        title=study.plan.text(study.plan.title, language),
+        language=language,
+        contact=study.plan.contact,
+        consent=session_state.consent_text(study.texts[language]),
+        trials=study.plan.trials,
+        queries=study.plan.queries_per_trial,
+    )
+
+
+def start(
+    studio: Studio,
+    slug: str,
+    *,
+    external_ids: Mapping[str, str] | None = None,
+    mode: str = LIVE,
+    language: str | None = None,
+    by_experimenter: bool = False,
+) -> tuple[str, State]:
+    """Begin a session: its token, shown this once, and its state."""
+    if mode == SIMULATED and not by_experimenter:
+        raise ForbiddenError("only an experimenter may start a simulated session")
+    token = new_secret()
+    seed = studio.seed()
+    with studio.database.write() as session:
+        study = studies.read(session, slug)
+        _require_open(study.status, slug, mode, by_experimenter=by_experimenter)
+        now = studio.now()
+        participant = Participant(study_id=study.id, pseudonym=new_pseudonym("P"), created_at=now)
+        session.add(participant)
+        session.flush()
+        for key, value in (external_ids or {}).items():
+            session.add(
+                Identity(participant_id=participant.id, key=key, value=value, created_at=now)
+            )
+        order_index, conditions = _assign(session, study, mode, seed, now)
+        row = SessionRow(
+            public_id=new_pseudonym("S"),
+            study_id=study.id,
+            plan_id=study.plan_id,
+            participant_id=participant.id,
+            token_hash=secret_hash(token),
+            mode=mode,
+            language=_language(study.plan, language),
+            seed=seed,
+            order_index=order_index,
+            trial_conditions=list(conditions),
+            started_at=now,
+            last_seen_at=now,
+            expires_at=now + timedelta(days=study.plan.session_expires_after_days),
+        )
+        session_state.place(row, Progress.start())
+        session.add(row)
+        session.flush()
+        state = session_state.describe(studio, session, row)
+    return token, state
+
+
+def _require_open(status: str, slug: str, mode: str, *, by_experimenter: bool = False) -> None:
+    if status == studies.OPEN or (mode != LIVE and by_experimenter):
+        return
+    what = "is not open yet" if status == studies.DRAFT else "is closed"
+    raise StudyNotOpenError(f"the study {slug!r} {what}")
+
+
+def _language(plan: Plan, wanted: str | None) -> str:
+    return wanted if wanted in plan.languages else plan.default_language
+
+
+def _assign(
+    session: Session, study: studies.StudyInfo, mode: str, seed: int, now: datetime
+) -> tuple[int, tuple[int, ...]]:
+    """The order of conditions that the fewest have finished or are in the middle of."""
+    plan = study.plan
+    n = len(plan.conditions)
+    orders = assignment.orders(n) if plan.order == "counterbalanced" else (tuple(range(n)),)
+    holds_a_place = or_(
+        SessionRow.stage == Stage.COMPLETED.value,
+        SessionRow.stage.not_in(session_state.ENDED)
+        & (SessionRow.last_seen_at >= now - ACTIVE_FOR),
+    )
+    taken = Counter(
+        session.scalars(
+            select(SessionRow.order_index).where(
+                SessionRow.study_id == study.id, SessionRow.mode == mode, holds_a_place
+            )
+        )
+    )
+    counts = [taken[index] for index in range(len(orders))]
+    chosen = assignment.choose_order(counts, np.random.default_rng([seed, 103]))
+    return chosen, assignment.trial_conditions(plan, orders[chosen])

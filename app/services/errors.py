@@ -1,0 +1,39 @@
+"""What a use case may refuse. The edge turns each into one HTTP status, in one table."""
+
+from __future__ import annotations
+
+
+class ServiceError(Exception):
+    """A refusal that its caller can do something about; the message says what was expected."""
+
+
+class NotFoundError(ServiceError):
+    """There is no such study, session, query or recording, or it is not the caller's."""
+
+
+class SignInRequiredError(ServiceError):
+    """No token came, or one that nobody was given."""
+
+
+class SessionExpiredError(ServiceError):
+    """The session's token was good once."""
+
+
+class ForbiddenError(ServiceError):
+    """The caller is known, and may not do this."""
+
+
+class StudyNotOpenError(ServiceError):
+    """The study takes no participants now."""
+
+
+class ConflictError(ServiceError):
+    """It cannot be done in the state that things are in."""
+
+
+class AlreadyAnsweredError(ConflictError):
+    """The query has another response already."""
+
+
+class SkipNotOfferedError(ConflictError):
+    """The query's condition has no skip."""

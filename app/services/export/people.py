@@ -1,0 +1,147 @@
+"""Tables of who took part; identities stand apart from all others."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from sqlalchemy import func, select
+from sqlalchemy.orm import Session
+
+from app.storage.tables import (
+    Identity,
+    Participant,
+    PlanVersion,
+    SessionRow,
+    Trial,
+)
+from app.study.plan import Plan
+
+from .columns import (
+    MODE,
+    PARTICIPANT,
+    PLAN_HASH,
+    SESSION,
+    STUDY,
+    Column,
+    Request,
+    Row,
+    Table,
+    fetch,
+    integer,
+    moment,
+    of_sessions,
+    text,
+)
+
+
+def _sessions_columns(_plan: Plan) -> tuple[Column, ...]:
+    return (
+        STUDY,
+        PLAN_HASH,
+        PARTICIPANT,
+        SESSION,
+        MODE,
+        text("language", "Language of the pages."),
+        integer("order_index", "Which order of conditions the session was given."),
+        text("conditions", "Names of the conditions in the order of the trials."),
+        text("stage", "Where the session stands."),
+        integer("trials_finished", "Trials that have all their responses."),
+        text("consent_version", "Version of the consent that was agreed to."),
+        integer("seed", "Seed of the session."),
+        moment("started_at", "When the session began."),
+        moment("consented_at", "When the participant agreed."),
+        moment("last_seen_at", "When the session last did anything."),
+        moment("ended_at", "When it was completed, or left."),
+    )
+
+
+def _sessions_rows(session: Session, request: Request) -> Iterator[Row]:
+    finished = (
+        select(Trial.session_id, func.count(Trial.ended_at).label("finished"))
+        .group_by(Trial.session_id)
+        .subquery()
+    )
+    statement = of_sessions(
+        select(SessionRow, Participant.pseudonym, PlanVersion, finished.c.finished)
+        .join(Participant, SessionRow.participant_id == Participant.id)
+        .join(PlanVersion, SessionRow.plan_id == PlanVersion.id)
+        .outerjoin(finished, finished.c.session_id == SessionRow.id),
+        request,
+    ).order_by(SessionRow.id)
+    for row, pseudonym, version, trials_finished in fetch(session, statement):
+        conditions = [condition["name"] for condition in version.plan["conditions"]]
+        yield (
+            request.study.slug,
+            version.plan_hash,
+            pseudonym,
+            row.public_id,
+            row.mode,
+            row.language,
+            row.order_index,
+            " ".join(conditions[index] for index in row.trial_conditions),
+            row.stage,
+            trials_finished or 0,
+            row.consent_version,
+            row.seed,
+            row.started_at,
+            row.consented_at,
+            row.last_seen_at,
+            row.ended_at,
+        )
+
+
+def _participants_columns(_plan: Plan) -> tuple[Column, ...]:
+    return (
+        STUDY,
+        PARTICIPANT,
+        integer("sessions", "How many sessions of the exported modes the participant has."),
+        moment("created_at", "When the participant first came."),
+    )
+
+
+def _participants_rows(session: Session, request: Request) -> Iterator[Row]:
+    statement = (
+        of_sessions(
+            select(Participant.pseudonym, func.count(SessionRow.id), Participant.created_at).join(
+                SessionRow, SessionRow.participant_id == Participant.id
+            ),
+            request,
+        )
+        .group_by(Participant.id, Participant.pseudonym, Participant.created_at)
+        .order_by(Participant.id)
+    )
+    for pseudonym, number_of_sessions, created_at in fetch(session, statement):
+        yield request.study.slug, pseudonym, number_of_sessions, created_at
+
+
+def _identities_columns(_plan: Plan) -> tuple[Column, ...]:
+    return (
+        PARTICIPANT,
+        text("key", "What the platform calls the id, such as PROLIFIC_PID."),
+        text("value", "The id."),
+        moment("created_at", "When it was given."),
+    )
+
+
+def _identities_rows(session: Session, request: Request) -> Iterator[Row]:
+    wanted = of_sessions(select(SessionRow.participant_id), request)
+    statement = (
+        select(Participant.pseudonym, Identity.key, Identity.value, Identity.created_at)
+        .join(Participant, Identity.participant_id == Participant.id)
+        .where(Participant.id.in_(wanted))
+        .order_by(Participant.id, Identity.key)
+    )
+    for row in fetch(session, statement):
+        yield tuple(row)
+
+
+SESSIONS = Table("sessions", "One row per session.", _sessions_columns, _sessions_rows)
+PARTICIPANTS = Table(
+    "participants", "One row per participant.", _participants_columns, _participants_rows
+)
+IDENTITIES = Table(
+    "identities",
+    "Ids of recruitment platforms: only on request.",
+    _identities_columns,
+    _identities_rows,
+)

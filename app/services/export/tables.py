@@ -1,0 +1,56 @@
+"""Every exported table, and the dictionary that is made from their descriptions."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+from sqlalchemy.orm import Session
+
+from app.study.plan import Plan
+
+from .answers import ACQUIRED, EVENTS, PREFERENCES, QUERIES
+from .columns import Column, Request, Row, Table, text
+from .people import IDENTITIES, PARTICIPANTS, SESSIONS
+from .stimuli import RECORDINGS
+
+
+def _dictionary_columns(_plan: Plan) -> tuple[Column, ...]:
+    return (
+        text("file", "File that the column is in."),
+        text("column", "Name of the column."),
+        text("type", "string, integer, number or datetime."),
+        text("unit", "Unit of the values, where they have one."),
+        text("description", "What the column holds."),
+    )
+
+
+def _dictionary_rows(_session: Session, request: Request) -> Iterator[Row]:
+    for table in TABLES.values():
+        for column in table.columns(request.study.plan):
+            yield (
+                f"{table.name}.csv",
+                column.name,
+                column.type,
+                column.unit,
+                column.description,
+            )
+
+
+DATA_DICTIONARY = Table(
+    "data_dictionary", "Every column of every file.", _dictionary_columns, _dictionary_rows
+)
+
+#: What the zip holds: everything but the identities.
+ZIPPED = (
+    QUERIES,
+    PREFERENCES,
+    ACQUIRED,
+    SESSIONS,
+    PARTICIPANTS,
+    EVENTS,
+    RECORDINGS,
+    DATA_DICTIONARY,
+)
+
+#: By name.
+TABLES: Mapping[str, Table] = {table.name: table for table in (*ZIPPED, IDENTITIES)}

@@ -1,0 +1,283 @@
+"""An evaluator's passage through a study. The server alone decides where a session is.
+
+Each use case reads, works out what follows outside any transaction, and then writes once, having
+looked again: two tabs, a double click or a retry find that it was done.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import datetime
+
+import numpy as np
+from sqlalchemy import func, select
+from sqlalchemy.orm import Session, selectinload
+
+from app.pbbo import allows_skip
+from app.storage.tables import (
+    Acquired,
+    Event,
+    Identity,
+    PreferenceRow,
+    QueryRow,
+    Response,
+    SessionRow,
+    Trial,
+)
+from app.study import protocol
+from app.study.protocol import Stage
+
+from . import state as session_state
+from . import studies
+from .errors import (
+    AlreadyAnsweredError,
+    NotFoundError,
+    SessionExpiredError,
+    SignInRequiredError,
+    SkipNotOfferedError,
+)
+from .proposals import NextQuery, Step
+from .state import State
+from .studio import Studio
+from .tokens import new_public_id, secret_hash
+
+
+@dataclass(frozen=True)
+class Happening:
+    """Something the browser saw while a query was on the screen, `time_ms` after it appeared."""
+
+    event: str
+    side: str | None
+    time_ms: float
+    value: str | None
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What was pressed, and what the browser saw meanwhile."""
+
+    query_id: str
+    response: str
+    rt_ms: float | None = None
+    skip_reason: str | None = None
+    happenings: Sequence[Happening] = ()
+
+
+def current(studio: Studio, token: str) -> State:
+    """Where the session is."""
+    with studio.database.read() as session:
+        return session_state.describe(studio, session, _session(studio, session, token))
+
+
+def consent(studio: Studio, token: str, version: str) -> State:
+    """Agree to the consent of `version`. Raises StaleConsent if the text is another one now."""
+    with studio.database.write() as session:
+        row = _session(studio, session, token, to_write=True)
+        written = row.plan.texts[row.language]
+        now_in_force = session_state.consent_text(written)["version"]
+        event = protocol.Consented(version=version, current_version=now_in_force)
+        _advance(studio, row, event)
+        row.consent_version = version
+        row.consented_at = studio.now()
+        state = session_state.describe(studio, session, row)
+        coming = session_state.familiarisation_clips(studio, row)
+    studio.proposer.render(coming)
+    return state
+
+
+def go_on(studio: Studio, token: str) -> State:
+    """Leave a page that only has to be left. Raises OutOfOrder, or BreakNotOver."""
+    with studio.database.write() as session:
+        row = _session(studio, session, token, to_write=True)
+        _advance(studio, row, protocol.Continued(at=studio.now()))
+        if row.stage == Stage.QUERY:
+            _begin_trial(studio, session, row)
+        return session_state.describe(studio, session, row)
+
+
+def respond(studio: Studio, token: str, answer: Answer) -> State:
+    """Store a response and move on. The same response again changes nothing."""
+    with studio.database.read() as session:
+        row = _session(studio, session, token)
+        query = _query_of(session, row, answer.query_id)
+        if not _is_new(query, answer):
+            return session_state.describe(studio, session, row)
+        trial = session_state.trial_in_hand(row, query.trial.trial_index, query.trial.seed)
+        if answer.response == "skip" and not allows_skip(trial.method):
+            raise SkipNotOfferedError("expected left or right: this query offers no skip")
+        history = session_state.history_of(query.trial.queries)
+    # The fit, if it was not worked out ahead: between two transactions, inside none.
+    pressed = (query.left_candidate, query.right_candidate, answer.response)
+    step = studio.proposer.step(trial, (*history, pressed))
+
+    with studio.database.write() as session:
+        row = _session(studio, session, token, to_write=True)
+        query = _query_of(session, row, answer.query_id)
+        if not _is_new(query, answer):
+            return session_state.describe(studio, session, row)
+        now = studio.now()
+        # Raises if another query is the open one: nothing has been written yet.
+        _advance(studio, row, protocol.Responded(query_index=query.query_index, at=now))
+        _store(session, row, query, answer, now)
+        _store_lessons(session, query, step)
+        if row.stage == Stage.QUERY and row.trial_index == query.trial.trial_index:
+            assert step.next is not None
+            query.trial.queries.append(_query_row(step.next, now))
+        else:
+            query.trial.ended_at = now
+            if row.stage == Stage.QUERY:
+                _begin_trial(studio, session, row)
+        session.flush()
+        return session_state.describe(studio, session, row)
+
+
+def withdraw(studio: Studio, token: str) -> State:
+    """Stop. Before consent nothing of the person stays but that somebody declined."""
+    with studio.database.write() as session:
+        row = _session(studio, session, token, to_write=True)
+        _advance(studio, row, protocol.Withdrew())
+        if row.stage == Stage.DECLINED:
+            session.query(Identity).filter_by(participant_id=row.participant_id).delete()
+        return session_state.describe(studio, session, row)
+
+
+def _session(studio: Studio, session: Session, token: str, *, to_write: bool = False) -> SessionRow:
+    statement = (
+        select(SessionRow)
+        .where(SessionRow.token_hash == secret_hash(token))
+        .options(selectinload(SessionRow.trials))
+    )
+    if to_write:
+        statement = statement.with_for_update()
+    row = session.scalar(statement)
+    if row is None:
+        raise SignInRequiredError("expected the token of a session, got one that nobody was given")
+    if row.stage not in session_state.ENDED and studio.now() >= row.expires_at:
+        raise SessionExpiredError(
+            f"the session expired at {row.expires_at.isoformat(timespec='seconds')}"
+        )
+    return row
+
+
+def _advance(studio: Studio, row: SessionRow, event: protocol.Event) -> None:
+    plan = studies.stored_plan(row.plan)
+    session_state.place(row, protocol.advance(plan, session_state.read_progress(row), event))
+    row.last_seen_at = studio.now()
+    if row.stage in session_state.ENDED:
+        row.ended_at = studio.now()
+
+
+def _begin_trial(studio: Studio, session: Session, row: SessionRow) -> None:
+    """Store the trial that the session has come to, with its first query."""
+    sequence = np.random.SeedSequence([row.seed, row.trial_index])
+    seed = int(sequence.generate_state(1, np.uint64)[0] >> np.uint64(16))  # 48 bits
+    in_hand = session_state.trial_in_hand(row, row.trial_index, seed)
+    condition = studies.stored_plan(row.plan).conditions[row.trial_conditions[row.trial_index]]
+    first = studio.proposer.step(in_hand, ()).next
+    assert first is not None
+    now = studio.now()
+    trial = Trial(
+        trial_index=row.trial_index,
+        condition=condition.name,
+        method=condition.method,
+        environment=condition.environment,
+        seed=seed,
+        started_at=now,
+        queries=[_query_row(first, now)],
+    )
+    row.trials.append(trial)
+    session.flush()
+    studio.proposer.render([first.left, first.right])
+
+
+def _query_row(following: NextQuery, now: datetime) -> QueryRow:
+    return QueryRow(
+        public_id=new_public_id(),
+        query_index=following.query_index,
+        trial_type=following.trial_type,
+        left_candidate=following.left_candidate,
+        right_candidate=following.right_candidate,
+        left_recording_id=following.left.id,
+        right_recording_id=following.right.id,
+        acquisition=following.acquisition,
+        seed=following.seed,
+        engine_version=following.engine_version,
+        created_at=now,
+        shown_at=now,
+    )
+
+
+def _query_of(session: Session, row: SessionRow, public_id: str) -> QueryRow:
+    query = session.scalar(
+        select(QueryRow)
+        .join(Trial, QueryRow.trial_id == Trial.id)
+        .where(QueryRow.public_id == public_id, Trial.session_id == row.id)
+    )
+    if query is None:
+        raise NotFoundError(f"this session has no query {public_id!r}")
+    return query
+
+
+def _is_new(query: QueryRow, answer: Answer) -> bool:
+    """Whether the query is still to be answered; raises if it was answered otherwise."""
+    if query.response is None:
+        return True
+    if query.response.response != answer.response:
+        raise AlreadyAnsweredError(
+            f"expected {query.response.response!r} again, the response this query has, "
+            f"got {answer.response!r}"
+        )
+    return False
+
+
+def _store(
+    session: Session, row: SessionRow, query: QueryRow, answer: Answer, now: datetime
+) -> None:
+    query.response = Response(
+        response=answer.response,
+        skip_reason=answer.skip_reason,
+        rt_ms=answer.rt_ms,
+        answered_at=now,
+    )
+    session.add_all(
+        Event(
+            session_id=row.id,
+            trial_index=query.trial.trial_index,
+            query_index=query.query_index,
+            event=happening.event,
+            side=happening.side,
+            time_ms=happening.time_ms,
+            value=happening.value,
+        )
+        for happening in answer.happenings
+    )
+
+
+def _store_lessons(session: Session, query: QueryRow, step: Step) -> None:
+    """Store what the response taught: the preferences that are new, and w_acq."""
+    known = session.scalar(
+        select(func.count(PreferenceRow.id)).where(PreferenceRow.trial_id == query.trial_id)
+    )
+    for index, preference in enumerate(step.preferences[known:], start=known or 0):
+        session.add(
+            PreferenceRow(
+                trial_id=query.trial_id,
+                preference_index=index,
+                winner=preference.winner,
+                loser=preference.loser,
+                origin=preference.origin,
+                query_index=preference.query_index,
+                drawn_from_query_index=preference.drawn_from_query_index,
+            )
+        )
+    if step.acquired is not None:
+        session.add(
+            Acquired(
+                trial_id=query.trial_id,
+                query_index=query.query_index,
+                candidate=step.acquired.candidate,
+                posterior_mean=step.acquired.mean,
+                posterior_std=step.acquired.std,
+            )
+        )

@@ -1,0 +1,245 @@
+"""What comes after a trial's history: the next query, and what the responses so far have taught.
+
+A step is a pure function of the candidates, the condition, the history and the trial's seed. So it
+can be worked out ahead for each possible response while the videos play, thrown away, and worked
+out again anywhere: nothing here needs to be kept.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections import OrderedDict
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from sqlalchemy import select
+
+from app.pbbo import (
+    ENGINE_VERSION,
+    Preference,
+    PreferenceOptimizer,
+    allows_skip,
+)
+from app.pbbo import Settings as OptimizerSettings
+from app.storage.database import Database
+from app.storage.tables import Candidate, Recording
+
+from .background import Background
+
+#: One answered query: left candidate, right candidate, "left" | "right" | "skip".
+Answer = tuple[int, int, str]
+History = tuple[Answer, ...]
+
+#: Steps kept in memory: three for each of a thousand evaluators.
+AHEAD_STEPS = 3_000
+
+#: Tells the draw of recordings apart from every other use of a trial's seed.
+_RECORDING_DRAW = 101
+
+
+@dataclass(frozen=True)
+class Clip:
+    """A recording as a query needs it."""
+
+    id: int
+    public_id: str
+    duration_s: float
+    source: str
+    locator: str
+
+
+@dataclass(frozen=True)
+class Space:
+    """The candidates of one environment, (n, d), and the clips of each."""
+
+    candidates: NDArray[np.float64] = field(repr=False)
+    clips: tuple[tuple[Clip, ...], ...] = field(repr=False)
+
+    @property
+    def all_clips(self) -> tuple[Clip, ...]:
+        return tuple(clip for clips in self.clips for clip in clips)
+
+
+@dataclass(frozen=True)
+class TrialInHand:
+    """All that a proposal depends on besides the history."""
+
+    study_id: int
+    environment: str
+    method: str
+    settings: Mapping[str, Any] = field(hash=False)
+    seed: int
+    queries: int
+
+
+@dataclass(frozen=True)
+class NextQuery:
+    """A query to be stored and shown."""
+
+    query_index: int
+    trial_type: str
+    left_candidate: int
+    right_candidate: int
+    left: Clip
+    right: Clip
+    acquisition: str
+    seed: int
+    engine_version: str
+
+
+@dataclass(frozen=True)
+class AcquiredCandidate:
+    """w_acq after a response; a knockout has no posterior."""
+
+    candidate: int
+    mean: float | None
+    std: float | None
+
+
+@dataclass(frozen=True)
+class Step:
+    """What follows a history: the next query (None after the last), and what was learnt."""
+
+    next: NextQuery | None
+    preferences: tuple[Preference, ...]
+    acquired: AcquiredCandidate | None
+
+
+class Proposer:
+    """Works steps out, now or ahead."""
+
+    def __init__(
+        self, database: Database, background: Background, render: Callable[[Clip], None]
+    ) -> None:
+        self._database = database
+        self._background = background
+        self._render = render
+        self._lock = threading.Lock()
+        self._spaces: dict[tuple[int, str], Space] = {}
+        self._steps: OrderedDict[tuple[int, History], Step] = OrderedDict()
+
+    def space(self, study_id: int, environment: str) -> Space:
+        """The candidates and clips of a study's environment; they never change."""
+        key = (study_id, environment)
+        space = self._spaces.get(key)
+        if space is None:
+            space = self._spaces[key] = _read_space(self._database, study_id, environment)
+        return space
+
+    def step(self, trial: TrialInHand, history: History) -> Step:
+        """What follows `history`: from what was worked out ahead, or worked out now."""
+        key = (trial.seed, history)
+        with self._lock:
+            step = self._steps.get(key)
+        if step is None:
+            step = work_out(self.space(trial.study_id, trial.environment), trial, history)
+            with self._lock:
+                self._steps[key] = step
+                while len(self._steps) > AHEAD_STEPS:
+                    self._steps.popitem(last=False)
+        return step
+
+    def work_ahead(self, trial: TrialInHand, history: History, pair: tuple[int, int]) -> None:
+        """Begin to work out what follows each possible response to the open query `pair`."""
+        self._background.in_thread(
+            ("ahead", trial.seed, len(history)), self._work_ahead, trial, history, pair
+        )
+
+    def upcoming(
+        self, trial: TrialInHand, history: History, pair: tuple[int, int]
+    ) -> list[NextQuery]:
+        """The next queries that are worked out already, the likeliest first."""
+        futures = _futures(trial, history, pair)
+        with self._lock:
+            steps = [self._steps.get((trial.seed, after)) for after in futures]
+        return [step.next for step in steps if step is not None and step.next is not None]
+
+    def render(self, clips: Sequence[Clip]) -> None:
+        """Begin to make the videos that are not there yet."""
+        for clip in clips:
+            self._render(clip)
+
+    def _work_ahead(self, trial: TrialInHand, history: History, pair: tuple[int, int]) -> None:
+        for after in _futures(trial, history, pair):
+            step = self.step(trial, after)
+            if step.next is not None:
+                self.render([step.next.left, step.next.right])
+
+
+def work_out(space: Space, trial: TrialInHand, history: History) -> Step:
+    """The step after `history`, from nothing but its arguments."""
+    optimizer = PreferenceOptimizer.replay(
+        space.candidates,
+        history,
+        method=trial.method,
+        seed=trial.seed,
+        settings=OptimizerSettings.from_mapping(trial.settings),
+    )
+    return Step(
+        next=_next_query(space, trial, optimizer) if len(history) < trial.queries else None,
+        preferences=optimizer.preferences,
+        acquired=_acquired(optimizer, trial.method) if history else None,
+    )
+
+
+def _next_query(space: Space, trial: TrialInHand, optimizer: PreferenceOptimizer) -> NextQuery:
+    query = optimizer.ask()
+    rng = np.random.default_rng([trial.seed, _RECORDING_DRAW, query.index])
+    left, right = (
+        clips[int(rng.integers(len(clips)))]
+        for clips in (space.clips[query.left], space.clips[query.right])
+    )
+    return NextQuery(
+        query_index=query.index,
+        trial_type=query.trial_type,
+        left_candidate=query.left,
+        right_candidate=query.right,
+        left=left,
+        right=right,
+        acquisition=query.acquisition,
+        seed=query.seed,
+        engine_version=ENGINE_VERSION,
+    )
+
+
+def _acquired(optimizer: PreferenceOptimizer, method: str) -> AcquiredCandidate:
+    best = optimizer.best()
+    if method == "knockout":
+        return AcquiredCandidate(best, None, None)
+    mean, std = optimizer.posterior()
+    return AcquiredCandidate(best, float(mean[best]), float(std[best]))
+
+
+def _futures(trial: TrialInHand, history: History, pair: tuple[int, int]) -> list[History]:
+    responses = ["left", "right", "skip"] if allows_skip(trial.method) else ["left", "right"]
+    return [(*history, (*pair, response)) for response in responses]
+
+
+def _read_space(database: Database, study_id: int, environment: str) -> Space:
+    with database.read() as session:
+        rows = session.execute(
+            select(
+                Candidate.candidate_index,
+                Candidate.parameters,
+                Recording.id,
+                Recording.public_id,
+                Recording.duration_s,
+                Recording.source,
+                Recording.locator,
+            )
+            .join(Recording, Recording.candidate_id == Candidate.id)
+            .where(Candidate.study_id == study_id, Candidate.environment == environment)
+            .order_by(Candidate.candidate_index, Recording.run_index)
+        ).all()
+    points: dict[int, list[float]] = {}
+    clips: dict[int, list[Clip]] = {}
+    for index, parameters, *clip in rows:
+        points[index] = list(parameters.values())
+        clips.setdefault(index, []).append(Clip(*clip))
+    return Space(
+        np.array([points[index] for index in sorted(points)], dtype=np.float64),
+        tuple(tuple(clips[index]) for index in sorted(clips)),
+    )

@@ -1,0 +1,164 @@
+"""What a session's own browser may know: its stage, and what that stage shows.
+
+No parameter, score, method or condition is in here, and recordings are addresses that say nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from datetime import datetime
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from sqlalchemy.orm import Session
+
+from app.storage.tables import QueryRow, SessionRow
+from app.study import texts
+from app.study.assignment import sample_familiarisation
+from app.study.plan import Plan
+from app.study.protocol import FINAL_STAGES, Progress, Stage, position
+
+from .proposals import Clip, History, TrialInHand
+from .studies import stored_plan
+from .studio import Studio
+
+State = dict[str, Any]
+
+#: Stages that nothing leads out of.
+ENDED = tuple(stage.value for stage in FINAL_STAGES)
+
+#: Tells the draw of familiarisation videos apart from every other use of a session's seed.
+_FAMILIARISATION_DRAW = 102
+
+
+def describe(studio: Studio, session: Session, row: SessionRow) -> State:
+    """STATE, as the contract has it, of a session."""
+    plan = stored_plan(row.plan)
+    progress = read_progress(row)
+    state: State = {
+        "stage": progress.stage.value,
+        "progress": position(plan, progress),
+        "study": {
+            "slug": row.study.slug,
+            "title": plan.text(plan.title, row.language),
+            "contact": plan.contact,
+        },
+        "language": row.language,
+    }
+    written = row.plan.texts[row.language]
+    match progress.stage:
+        case Stage.CONSENT:
+            state["consent"] = consent_text(written)
+        case Stage.INSTRUCTIONS:
+            state["instructions"] = {"html": rendered(written["instructions"])}
+        case Stage.FAMILIARISATION:
+            state["familiarisation"] = {
+                "videos": [_video(clip) for clip in familiarisation_clips(studio, row)],
+                "required": plan.familiarisation.required,
+            }
+        case Stage.QUERY:
+            state["query"] = _query(studio, session, row, plan)
+        case Stage.BREAK:
+            assert progress.break_ends_at is not None
+            state["break"] = _break(progress.break_ends_at, studio.now())
+        case Stage.DEBRIEF:
+            state["debrief"] = {"html": rendered(written["debrief"])}
+    return state
+
+
+def read_progress(row: SessionRow) -> Progress:
+    return Progress(Stage(row.stage), row.trial_index, row.query_index, row.break_ends_at)
+
+
+def place(row: SessionRow, progress: Progress) -> None:
+    """Write where a session is into its row."""
+    row.stage = progress.stage.value
+    row.trial_index = progress.trial_index
+    row.query_index = progress.query_index
+    row.break_ends_at = progress.break_ends_at
+
+
+def consent_text(written: Mapping[str, str]) -> dict[str, str]:
+    """The consent of one language, with the version that an agreement has to name."""
+    markdown = written["consent"]
+    return {"version": texts.consent_version(markdown), "html": rendered(markdown)}
+
+
+@lru_cache(maxsize=256)
+def rendered(markdown: str) -> str:
+    return texts.render(markdown)
+
+
+def video_url(public_id: str) -> str:
+    return f"/media/{public_id}.mp4"
+
+
+def familiarisation_clips(studio: Studio, row: SessionRow) -> tuple[Clip, ...]:
+    """The videos of this session's familiarisation: drawn by its seed, the same at each call."""
+    plan = stored_plan(row.plan)
+    used = dict.fromkeys(condition.environment for condition in plan.conditions)
+    clips = [
+        clip
+        for environment in used
+        for clip in studio.proposer.space(row.study_id, environment).all_clips
+    ]
+    rng = np.random.default_rng([row.seed, _FAMILIARISATION_DRAW])
+    drawn = sample_familiarisation(len(clips), plan.familiarisation.videos, rng)
+    return tuple(clips[index] for index in drawn)
+
+
+def open_query(row: SessionRow) -> QueryRow:
+    """The query that the session is at, in stage query."""
+    return row.trials[row.trial_index].queries[row.query_index]
+
+
+def trial_in_hand(row: SessionRow, trial_index: int, seed: int) -> TrialInHand:
+    plan = stored_plan(row.plan)
+    condition = plan.conditions[row.trial_conditions[trial_index]]
+    return TrialInHand(
+        study_id=row.study_id,
+        environment=condition.environment,
+        method=condition.method,
+        settings=condition.settings,
+        seed=seed,
+        queries=plan.queries_per_trial,
+    )
+
+
+def history_of(queries: Sequence[QueryRow]) -> History:
+    """The answered queries of one trial, in order."""
+    return tuple(
+        (query.left_candidate, query.right_candidate, query.response.response)
+        for query in queries
+        if query.response is not None
+    )
+
+
+def _query(studio: Studio, session: Session, row: SessionRow, plan: Plan) -> dict[str, Any]:
+    query = open_query(row)
+    trial = row.trials[row.trial_index]
+    condition = plan.conditions[row.trial_conditions[row.trial_index]]
+    in_hand = trial_in_hand(row, row.trial_index, trial.seed)
+    history = history_of(trial.queries)
+    pair = (query.left_candidate, query.right_candidate)
+    upcoming = studio.proposer.upcoming(in_hand, history, pair)
+    if len(history) + 1 < in_hand.queries:
+        studio.proposer.work_ahead(in_hand, history, pair)
+    clips = [clip for following in upcoming for clip in (following.left, following.right)]
+    return {
+        "id": query.public_id,
+        "left": _video(query.left_recording),
+        "right": _video(query.right_recording),
+        "skip": condition.skip and {"label": plan.text(condition.skip.label, row.language)},
+        "prefetch": list(dict.fromkeys(video_url(clip.public_id) for clip in clips)),
+    }
+
+
+def _video(recording: Any) -> dict[str, Any]:
+    return {"url": video_url(recording.public_id), "duration_s": recording.duration_s}
+
+
+def _break(ends_at: datetime, now: datetime) -> dict[str, Any]:
+    left = max(0, -int((now - ends_at).total_seconds() // 1))
+    return {"ends_at": ends_at.isoformat().replace("+00:00", "Z"), "seconds_left": left}

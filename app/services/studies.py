@@ -1,0 +1,232 @@
+"""Setting a study up, opening and closing it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Any
+
+from sqlalchemy import func, select
+from sqlalchemy.orm import Session
+
+from app.crane import environments as crane_environments
+from app.crane import library
+from app.crane.dynamics import DURATION_S
+from app.pbbo import Settings as OptimizerSettings
+from app.storage.tables import Candidate, PlanVersion, Recording, Study
+from app.study import folder as study_folder
+from app.study.plan import Plan, plan_hash
+
+from . import recordings
+from .errors import ConflictError, NotFoundError
+from .studio import Studio
+from .tokens import new_public_id
+
+DRAFT = "draft"
+OPEN = "open"
+CLOSED = "closed"
+
+#: Plans by their hash: parsing one takes longer than a response may.
+_PLANS: dict[str, Plan] = {}
+
+#: What the shipped crane's parameters are called, in the order of its candidates' columns.
+CRANE_PARAMETERS = ("w0", "w1")
+
+
+@dataclass(frozen=True)
+class StudyInfo:
+    """One study as its experimenter knows it."""
+
+    id: int
+    slug: str
+    status: str
+    plan: Plan
+    texts: Mapping[str, Mapping[str, str]]
+    plan_id: int
+    plan_hash: str
+    plan_version: int
+    created_at: datetime
+    opened_at: datetime | None
+    closed_at: datetime | None
+
+
+def settings_fault(settings: Mapping[str, Any]) -> str | None:
+    """What is wrong with a condition's optimiser settings, or None."""
+    try:
+        OptimizerSettings.from_mapping(settings)
+    except ValueError as error:
+        return str(error)
+    return None
+
+
+def load_folder(name_or_path: str) -> study_folder.StudyFolder:
+    """Read a study's folder, or a shipped study by its name. Raises StudyFaults, all at once."""
+    return study_folder.load(study_folder.resolve(name_or_path), settings_check=settings_fault)
+
+
+def create(studio: Studio, folder: study_folder.StudyFolder) -> StudyInfo:
+    """Store a study as a draft. Raises ConflictError if its slug is taken."""
+    plan = folder.plan
+    # Videos first, under their content's names: a file that nothing points to does no harm.
+    places = list(_candidates(studio, folder))
+    with studio.database.write() as session:
+        if session.scalar(select(Study.id).where(Study.slug == plan.slug)) is not None:
+            raise ConflictError(f"expected a new slug, and there is a study named {plan.slug!r}")
+        now = studio.now()
+        study = Study(slug=plan.slug, status=DRAFT, created_at=now)
+        version = PlanVersion(
+            study=study,
+            version=1,
+            plan_hash=plan_hash(plan, folder.texts, folder.recordings),
+            plan=plan.model_dump(mode="json"),
+            texts={language: dict(texts) for language, texts in folder.texts.items()},
+            created_at=now,
+        )
+        session.add_all([study, version])
+        session.flush()
+        for candidate in places:
+            candidate.study_id = study.id
+        session.add_all(places)
+        session.flush()
+        return _info(study, version)
+
+
+def find(studio: Studio, slug: str) -> StudyInfo:
+    """The study called `slug`, under its newest plan."""
+    with studio.database.read() as session:
+        return read(session, slug)
+
+
+def read(session: Session, slug: str) -> StudyInfo:
+    study = session.scalar(select(Study).where(Study.slug == slug))
+    if study is None:
+        raise NotFoundError(f"there is no study named {slug!r}")
+    return _info(study, study.plans[-1])
+
+
+def all_studies(studio: Studio) -> list[StudyInfo]:
+    """Every study, the newest first."""
+    with studio.database.read() as session:
+        rows = session.scalars(select(Study).order_by(Study.created_at.desc(), Study.id.desc()))
+        return [_info(study, study.plans[-1]) for study in rows]
+
+
+def open_study(studio: Studio, slug: str) -> StudyInfo:
+    """Let participants in. Opening an open study changes nothing."""
+    return _set_status(studio, slug, OPEN)
+
+
+def close_study(studio: Studio, slug: str) -> StudyInfo:
+    """Let nobody in any more; sessions under way may finish."""
+    return _set_status(studio, slug, CLOSED)
+
+
+def recording_count(studio: Studio, study_id: int) -> int:
+    with studio.database.read() as session:
+        return (
+            session.scalar(
+                select(func.count(Recording.id))
+                .join(Candidate, Recording.candidate_id == Candidate.id)
+                .where(Candidate.study_id == study_id)
+            )
+            or 0
+        )
+
+
+def _set_status(studio: Studio, slug: str, status: str) -> StudyInfo:
+    with studio.database.write() as session:
+        study = session.scalar(select(Study).where(Study.slug == slug).with_for_update())
+        if study is None:
+            raise NotFoundError(f"there is no study named {slug!r}")
+        if study.status == DRAFT and status == CLOSED:
+            raise ConflictError(f"expected an open study to close, and {slug!r} is a draft")
+        if study.status != status:
+            study.status = status
+            if status == OPEN:
+                study.opened_at = study.opened_at or studio.now()
+                study.closed_at = None
+            else:
+                study.closed_at = studio.now()
+        return _info(study, study.plans[-1])
+
+
+def stored_plan(version: PlanVersion) -> Plan:
+    """The plan of a stored version. A stored plan never changes, so it is parsed once."""
+    cached = _PLANS.get(version.plan_hash)
+    if cached is None:
+        cached = _PLANS[version.plan_hash] = Plan.model_validate(version.plan)
+    return cached
+
+
+def _info(study: Study, version: PlanVersion) -> StudyInfo:
+    return StudyInfo(
+        id=study.id,
+        slug=study.slug,
+        status=study.status,
+        plan=stored_plan(version),
+        texts=version.texts,
+        plan_id=version.id,
+        plan_hash=version.plan_hash,
+        plan_version=version.version,
+        created_at=study.created_at,
+        opened_at=study.opened_at,
+        closed_at=study.closed_at,
+    )
+
+
+def _candidates(studio: Studio, folder: study_folder.StudyFolder) -> Iterator[Candidate]:
+    for name, environment in folder.plan.environments.items():
+        if environment.source == recordings.CRANE:
+            yield from _crane_candidates(name)
+        else:
+            yield from _file_candidates(studio, folder, name)
+
+
+def _crane_candidates(environment: str) -> Iterator[Candidate]:
+    scores = library.scores(environment)  # (231, 5)
+    for index, values in enumerate(crane_environments.candidates()):
+        yield Candidate(
+            environment=environment,
+            candidate_index=index,
+            parameters=dict(zip(CRANE_PARAMETERS, map(float, values), strict=True)),
+            recordings=[
+                Recording(
+                    run_index=run,
+                    public_id=new_public_id(),
+                    source=recordings.CRANE,
+                    locator=recordings.crane_locator(environment, index, run),
+                    duration_s=DURATION_S,
+                    score=float(scores[index, run]),
+                )
+                for run in range(scores.shape[1])
+            ],
+        )
+
+
+def _file_candidates(
+    studio: Studio, folder: study_folder.StudyFolder, environment: str
+) -> Iterator[Candidate]:
+    names = [parameter.name for parameter in folder.plan.parameters]
+    found: dict[tuple[float, ...], Candidate] = {}
+    for row in folder.recordings:
+        if row.environment != environment:
+            continue
+        candidate = found.get(row.candidate)
+        if candidate is None:
+            candidate = found[row.candidate] = Candidate(
+                environment=environment,
+                candidate_index=len(found),
+                parameters=dict(zip(names, row.candidate, strict=True)),
+            )
+        candidate.recordings.append(
+            Recording(
+                run_index=len(candidate.recordings),
+                public_id=new_public_id(),
+                source=recordings.FILE,
+                locator=studio.recordings.keep_file(folder.root / row.file, row.sha256),
+                duration_s=row.duration_s,
+                score=row.score,
+            )
+        )
+    yield from found.values()

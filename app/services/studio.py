@@ -1,0 +1,61 @@
+"""The assembled studio: what every use case is handed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+
+from app.storage.database import Database
+from app.storage.schema import migrate
+
+from .background import Background
+from .proposals import Proposer
+from .recordings import Recordings
+from .settings import Settings
+from .tokens import new_seed
+
+
+def utc_now() -> datetime:
+    return datetime.now(UTC)
+
+
+@dataclass(frozen=True)
+class Studio:
+    """Database, background work and settings. The clock and the seeds come in from here alone."""
+
+    settings: Settings
+    database: Database
+    background: Background
+    recordings: Recordings
+    proposer: Proposer
+    now: Callable[[], datetime] = field(default=utc_now)
+    seed: Callable[[], int] = field(default=new_seed)
+
+    def close(self) -> None:
+        self.background.close()
+        self.database.close()
+
+
+def open_studio(
+    settings: Settings,
+    *,
+    now: Callable[[], datetime] = utc_now,
+    seed: Callable[[], int] = new_seed,
+) -> Studio:
+    """Open the studio of `settings`, bringing its database to the newest schema."""
+    settings.data_dir.mkdir(parents=True, exist_ok=True)
+    settings.media_dir.mkdir(parents=True, exist_ok=True)
+    migrate(settings.url)
+    database = Database(settings.url)
+    background = Background(settings.render_jobs)
+    recordings = Recordings(database, background, settings)
+    return Studio(
+        settings=settings,
+        database=database,
+        background=background,
+        recordings=recordings,
+        proposer=Proposer(database, background, recordings.make_soon),
+        now=now,
+        seed=seed,
+    )

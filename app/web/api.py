@@ -1,0 +1,91 @@
+"""The JSON API of a session: `/api/v1`."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from fastapi import APIRouter, Response
+
+from app.services import admission, participation
+from app.services.participation import Answer, Happening
+
+from .problems import refusals
+from .schemas import (
+    GiveConsent,
+    Respond,
+    SessionState,
+    Started,
+    StartSession,
+)
+from .security import MaybeExperimenterDep, SessionToken, StudioDep
+
+State = dict[str, Any]
+
+
+router = APIRouter(prefix="/api/v1", tags=["session"])
+
+
+@router.post(
+    "/studies/{slug}/sessions",
+    status_code=201,
+    response_model=Started,
+    responses=refusals(403, 404, 409, 422),
+)
+def start_session(
+    slug: str, body: StartSession, studio: StudioDep, caller: MaybeExperimenterDep
+) -> Any:
+    """Begin a session. The token is shown this once."""
+    token, state = admission.start(
+        studio,
+        slug,
+        external_ids=body.external_ids,
+        mode=body.mode,
+        language=body.language,
+        by_experimenter=caller is not None,
+    )
+    return {"token": token, "session": state}
+
+
+@router.get("/session", response_model=SessionState, responses=refusals(401))
+def get_session(studio: StudioDep, token: SessionToken, response: Response) -> State:
+    """Where the session is."""
+    response.headers["Cache-Control"] = "no-store"
+    return participation.current(studio, token)
+
+
+@router.post("/session/consent", response_model=SessionState, responses=refusals(401, 409, 422))
+def give_consent(body: GiveConsent, studio: StudioDep, token: SessionToken) -> State:
+    """Agree to the consent of this version."""
+    return participation.consent(studio, token, body.version)
+
+
+@router.post("/session/continue", response_model=SessionState, responses=refusals(401, 409))
+def go_on(studio: StudioDep, token: SessionToken) -> State:
+    """Leave a page that only has to be left."""
+    return participation.go_on(studio, token)
+
+
+@router.post(
+    "/session/responses", response_model=SessionState, responses=refusals(401, 404, 409, 422)
+)
+def respond(body: Respond, studio: StudioDep, token: SessionToken) -> State:
+    """Answer the open query. The same again changes nothing."""
+    happenings = [
+        Happening(event.event, event.side, event.time_ms, event.text) for event in body.events
+    ]
+    if body.replays is not None:
+        happenings.append(Happening("replays", None, body.rt_ms or 0.0, str(body.replays)))
+    answer = Answer(
+        query_id=body.query_id,
+        response=body.response,
+        rt_ms=body.rt_ms,
+        skip_reason=body.skip_reason,
+        happenings=happenings,
+    )
+    return participation.respond(studio, token, answer)
+
+
+@router.post("/session/withdraw", response_model=SessionState, responses=refusals(401, 409))
+def withdraw(studio: StudioDep, token: SessionToken) -> State:
+    """Stop. Before consent this declines."""
+    return participation.withdraw(studio, token)

@@ -1,0 +1,34 @@
+"""Recordings, under addresses that say nothing, by ranges, for browsers to keep."""
+
+from __future__ import annotations
+
+import asyncio
+
+from fastapi import APIRouter, Request
+from fastapi.responses import FileResponse, Response
+from starlette.concurrency import run_in_threadpool
+
+from .security import StudioDep
+
+router = APIRouter(tags=["media"])
+
+#: A recording never changes under its address, and is nobody else's to see.
+_CACHE = "private, max-age=604800, immutable"
+
+
+@router.api_route(
+    "/media/{public_id}.mp4",
+    methods=["GET", "HEAD"],
+    response_class=FileResponse,
+    include_in_schema=False,
+)
+async def recording(public_id: str, request: Request, studio: StudioDep) -> Response:
+    """A recording's video; one that is not there yet is rendered first."""
+    source = await run_in_threadpool(studio.recordings.find, public_id)
+    etag = f'"{public_id}"'
+    if request.headers.get("if-none-match") == etag:
+        return Response(status_code=304, headers={"ETag": etag, "Cache-Control": _CACHE})
+    path = await asyncio.wrap_future(studio.recordings.ensure(source))
+    return FileResponse(
+        path, media_type="video/mp4", headers={"Cache-Control": _CACHE, "ETag": etag}
+    )

@@ -1,0 +1,128 @@
+"""Refusals as HTTP: one table from domain errors to statuses, and RFC 9457 answers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from fastapi import FastAPI, Request
+from fastapi.exceptions import RequestValidationError
+from fastapi.responses import JSONResponse, Response
+from starlette.exceptions import HTTPException
+
+from app.services import errors
+from app.study import protocol
+
+from .schemas import Problem
+from .templating import page
+
+MEDIA_TYPE = "application/problem+json"
+
+#: Stable names: programs tell one refusal from another by them.
+TYPE_PREFIX = "urn:pbpo-studio:problem:"
+
+
+@dataclass(frozen=True)
+class Kind:
+    """One kind of refusal."""
+
+    status: int
+    name: str
+    title: str
+
+
+#: The first entry that the error is an instance of counts: the special before the general.
+KINDS: tuple[tuple[type[Exception], Kind], ...] = (
+    (errors.NotFoundError, Kind(404, "not-found", "Not found")),
+    (errors.SessionExpiredError, Kind(401, "session-expired", "The session has expired")),
+    (errors.SignInRequiredError, Kind(401, "unauthenticated", "Not signed in")),
+    (errors.ForbiddenError, Kind(403, "forbidden", "Not allowed")),
+    (errors.StudyNotOpenError, Kind(409, "study-not-open", "The study is not open")),
+    (errors.AlreadyAnsweredError, Kind(409, "already-answered", "Already answered")),
+    (errors.SkipNotOfferedError, Kind(409, "skip-not-offered", "No skip here")),
+    (errors.ConflictError, Kind(409, "conflict", "Not possible now")),
+    (protocol.StaleConsent, Kind(409, "stale-consent", "The consent text has changed")),
+    (protocol.BreakNotOver, Kind(409, "break-not-over", "The break is not over")),
+    (protocol.ProtocolError, Kind(409, "out-of-order", "Out of order")),
+)
+
+
+def kind_of(error: Exception) -> Kind:
+    return next(kind for domain_error, kind in KINDS if isinstance(error, domain_error))
+
+
+def problem(kind: Kind, detail: str, **extra: Any) -> JSONResponse:
+    body = {
+        "type": f"{TYPE_PREFIX}{kind.name}",
+        "title": kind.title,
+        "status": kind.status,
+        "detail": detail,
+        **extra,
+    }
+    headers = {"WWW-Authenticate": "Bearer"} if kind.status == 401 else None
+    return JSONResponse(body, kind.status, headers, media_type=MEDIA_TYPE)
+
+
+def refusals(*statuses: int) -> dict[int | str, dict[str, Any]]:
+    """How a route's document says that it may answer with a problem of these statuses."""
+    content = {MEDIA_TYPE: {"schema": Problem.model_json_schema()}}
+    return {status: {"description": "Refused", "content": content} for status in statuses}
+
+
+def install(app: FastAPI) -> None:
+    """Answer every refusal of `app` as a problem, or as a page where a page was asked for."""
+    for domain_error, _ in KINDS:
+        app.add_exception_handler(domain_error, _domain_error)
+    app.add_exception_handler(RequestValidationError, _invalid)
+    app.add_exception_handler(HTTPException, _http_error)
+
+
+def _is_api(request: Request) -> bool:
+    return request.url.path.startswith(("/api/", "/media/"))
+
+
+def _answer(request: Request, kind: Kind, detail: str, **extra: Any) -> Response:
+    if _is_api(request):
+        return problem(kind, detail, **extra)
+    return page(
+        request,
+        "error.html",
+        {"status": kind.status, "title": kind.title, "detail": detail, "page_title": kind.title},
+        status_code=kind.status,
+    )
+
+
+async def _domain_error(request: Request, error: Exception) -> Response:
+    extra: dict[str, Any] = {}
+    # Whoever is out of step is told where the session is.
+    if (stage := getattr(error, "stage", None)) is not None:
+        extra["stage"] = str(stage)
+    if isinstance(error, protocol.BreakNotOver):
+        extra["seconds_left"] = error.seconds_left
+    if isinstance(error, protocol.StaleConsent):
+        extra["current_version"] = error.current
+    return _answer(request, kind_of(error), str(error), **extra)
+
+
+async def _invalid(request: Request, error: Exception) -> Response:
+    assert isinstance(error, RequestValidationError)
+    faults = [
+        {
+            "pointer": "/".join(str(part) for part in fault["loc"]),
+            "detail": fault["msg"],
+        }
+        for fault in error.errors()
+    ]
+    detail = "; ".join(f"{fault['pointer']}: {fault['detail']}" for fault in faults)
+    return _answer(request, Kind(422, "invalid", "Not understood"), detail, errors=faults)
+
+
+async def _http_error(request: Request, error: Exception) -> Response:
+    assert isinstance(error, HTTPException)
+    names = {404: "not-found", 405: "method-not-allowed"}
+    title = {404: "Not found", 405: "Not that way"}.get(error.status_code, str(error.detail))
+    kind = Kind(error.status_code, names.get(error.status_code, "http"), title)
+    response = _answer(request, kind, f"{error.detail}: {request.method} {request.url.path}")
+    for name, value in (error.headers or {}).items():
+        response.headers[name] = value
+    return response

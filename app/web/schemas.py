@@ -1,0 +1,103 @@
+"""What the API takes and gives, as `/openapi.json` describes it."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, StringConstraints
+
+Key = Annotated[str, StringConstraints(min_length=1, max_length=60)]
+ExternalId = Annotated[str, StringConstraints(max_length=200)]
+
+
+class _In(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+
+
+class StartSession(_In):
+    """How a session begins."""
+
+    external_ids: dict[Key, ExternalId] = Field(
+        default_factory=dict, max_length=20, description="What a platform calls the participant."
+    )
+    mode: Literal["live", "preview", "simulated"] = "live"
+    language: str | None = Field(None, max_length=12)
+
+
+class GiveConsent(_In):
+    version: str = Field(max_length=64, description="Version of the text that is agreed to.")
+
+
+class Happened(_In):
+    """Something the browser saw while the query was on the screen."""
+
+    event: str = Field(min_length=1, max_length=40)
+    side: Literal["left", "right"] | None = None
+    time_ms: float = Field(ge=0, le=1e9, allow_inf_nan=False)
+    value: str | float | int | bool | None = Field(None)
+
+    @property
+    def text(self) -> str | None:
+        return None if self.value is None else str(self.value)[:200]
+
+
+class Respond(BaseModel):
+    """A response. Fields that are not known yet are taken and let go."""
+
+    model_config = ConfigDict(extra="ignore")
+
+    query_id: str = Field(min_length=1, max_length=64)
+    response: Literal["left", "right", "skip"]
+    rt_ms: float | None = Field(
+        None,
+        ge=0,
+        le=1e9,
+        allow_inf_nan=False,
+        description="Milliseconds from both videos having begun to play to the press.",
+    )
+    replays: int | None = Field(None, ge=0, le=100_000)
+    skip_reason: str | None = Field(None, max_length=60)
+    events: list[Happened] = Field(default_factory=list, max_length=1_000)
+
+
+class Progress(BaseModel):
+    trial: int
+    trials: int
+    query: int
+    queries: int
+
+
+class SessionState(BaseModel):
+    """STATE: where the session is, and what its stage shows."""
+
+    model_config = ConfigDict(extra="allow")
+
+    stage: Literal[
+        "consent",
+        "instructions",
+        "familiarisation",
+        "query",
+        "break",
+        "debrief",
+        "completed",
+        "withdrawn",
+        "declined",
+    ]
+    progress: Progress
+    study: dict[str, Any]
+
+
+class Started(BaseModel):
+    token: str
+    session: SessionState
+
+
+class Problem(BaseModel):
+    """RFC 9457."""
+
+    model_config = ConfigDict(extra="allow")
+
+    type: str
+    title: str
+    status: int
+    detail: str

@@ -1,0 +1,159 @@
+"""Who is asking, and what a browser may do with our pages."""
+
+from __future__ import annotations
+
+import hashlib
+import hmac
+import secrets
+from collections.abc import Awaitable, Callable
+from typing import Annotated
+
+from fastapi import Depends, Header, Request
+from fastapi.responses import Response
+
+from app.services import accounts
+from app.services.accounts import Experimenter
+from app.services.errors import ForbiddenError, SignInRequiredError
+from app.services.studio import Studio
+
+SIGN_IN_COOKIE = "pbpo_sign_in"
+FORM_COOKIE = "pbpo_form"
+
+#: A cookie that outlives a study's longest session; the session's own date decides.
+SESSION_COOKIE_SECONDS = 400 * 24 * 3600
+
+CONTENT_SECURITY_POLICY = "; ".join(
+    (
+        "default-src 'none'",
+        "script-src 'self'",
+        "style-src 'self'",
+        "img-src 'self' data:",
+        "media-src 'self' blob:",
+        "connect-src 'self'",
+        "form-action 'self'",
+        "frame-ancestors 'none'",
+        "base-uri 'none'",
+    )
+)
+
+_SAFE_METHODS = frozenset({"GET", "HEAD", "OPTIONS"})
+
+
+def studio_of(request: Request) -> Studio:
+    studio: Studio = request.app.state.studio
+    return studio
+
+
+StudioDep = Annotated[Studio, Depends(studio_of)]
+
+
+def bearer(authorization: str | None) -> str | None:
+    """The token of an Authorization header."""
+    scheme, _, token = (authorization or "").partition(" ")
+    return token.strip() if scheme.lower() == "bearer" and token.strip() else None
+
+
+def session_cookie(slug: str) -> str:
+    """Name of the cookie that holds a session's token: one per study, so that two can go on."""
+    return f"pbpo_session_{slug}"
+
+
+def session_token(
+    request: Request,
+    authorization: Annotated[str | None, Header(include_in_schema=False)] = None,
+    pbpo_study: Annotated[
+        str | None,
+        Header(
+            description="With a page's cookie instead of a bearer token: the slug of the study."
+            " No other site can send this header."
+        ),
+    ] = None,
+) -> str:
+    """The session's token, from the header of a program or the cookie of a page."""
+    token = bearer(authorization)
+    if token is None and pbpo_study is not None:
+        token = request.cookies.get(session_cookie(pbpo_study))
+    if token is None:
+        raise SignInRequiredError("expected a session's token as `Authorization: Bearer <token>`")
+    return token
+
+
+SessionToken = Annotated[str, Depends(session_token)]
+
+
+def optional_experimenter(
+    request: Request,
+    studio: StudioDep,
+    authorization: Annotated[str | None, Header(include_in_schema=False)] = None,
+) -> Experimenter | None:
+    """The experimenter who asks, by API token or by being signed in; None if nobody is."""
+    token = bearer(authorization)
+    try:
+        if token is not None:
+            return accounts.by_api_token(studio, token)
+        cookie = request.cookies.get(SIGN_IN_COOKIE)
+        return accounts.by_sign_in(studio, cookie) if cookie else None
+    except SignInRequiredError:
+        return None
+
+
+def experimenter(
+    found: Annotated[Experimenter | None, Depends(optional_experimenter)],
+) -> Experimenter:
+    """The experimenter who asks. Raises SignInRequiredError."""
+    if found is None:
+        raise SignInRequiredError("expected an experimenter's API token, or to be signed in")
+    return found
+
+
+MaybeExperimenterDep = Annotated[Experimenter | None, Depends(optional_experimenter)]
+ExperimenterDep = Annotated[Experimenter, Depends(experimenter)]
+
+
+def set_cookie(
+    response: Response, studio: Studio, name: str, value: str, *, max_age: int | None = None
+) -> None:
+    response.set_cookie(
+        name,
+        value,
+        max_age=max_age,
+        httponly=True,
+        samesite="lax",
+        secure=studio.settings.secure_cookies,
+    )
+
+
+def form_token(request: Request) -> str:
+    """What a form sent from our own page carries: bound to the sign-in, or to a cookie before it.
+
+    Sign-in tokens are random and secret, so a hash of one can be known to the page alone.
+    """
+    secret = request.cookies.get(SIGN_IN_COOKIE) or request.cookies.get(FORM_COOKIE) or ""
+    return hashlib.sha256(f"form:{secret}".encode()).hexdigest()
+
+
+def check_form_token(request: Request, given: str) -> None:
+    """Raises ForbiddenError unless the form came from our own page."""
+    has_secret = SIGN_IN_COOKIE in request.cookies or FORM_COOKIE in request.cookies
+    if not has_secret or not hmac.compare_digest(form_token(request), given):
+        raise ForbiddenError("this form is out of date: go back, reload the page and send it again")
+
+
+def new_form_secret() -> str:
+    return secrets.token_urlsafe(16)
+
+
+async def guard(request: Request, call_next: Callable[[Request], Awaitable[Response]]) -> Response:
+    """Refuse forms sent by other sites; tell browsers how little our pages need."""
+    site = request.headers.get("sec-fetch-site", "same-origin")
+    if request.method not in _SAFE_METHODS and site == "cross-site":
+        return Response("This request came from another site.", 403, media_type="text/plain")
+    response = await call_next(request)
+    headers = response.headers
+    # The API's own documentation page is the one page with scripts from elsewhere: it is off.
+    headers.setdefault("Content-Security-Policy", CONTENT_SECURITY_POLICY)
+    headers.setdefault("X-Content-Type-Options", "nosniff")
+    headers.setdefault("Referrer-Policy", "same-origin")
+    headers.setdefault("Cross-Origin-Opener-Policy", "same-origin")
+    headers.setdefault("Permissions-Policy", "camera=(), microphone=(), geolocation=()")
+    return response

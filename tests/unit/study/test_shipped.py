@@ -1,0 +1,115 @@
+"""The studies that ship are sound, and so is the example that a new study begins from."""
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from app.study import (
+    SHIPPED,
+    TEXT_NAMES,
+    FolderNotEmptyError,
+    StudyFaults,
+    UnknownStudyError,
+    init,
+    load,
+    render,
+    resolve,
+)
+
+
+@pytest.mark.parametrize(
+    ("name", "environment", "preset"),
+    [("waste-crane", "env1", "paper-env1"), ("waste-crane-env2", "env2", "paper-env2")],
+)
+def test_a_shipped_study_compares_the_three_methods_as_published(
+    name: str, environment: str, preset: str
+) -> None:
+    plan = load(resolve(name)).plan
+    assert plan.slug == name
+    label = {
+        condition.method: condition.skip and plan.text(condition.skip.label, "en")
+        for condition in plan.conditions
+    }
+    assert label == {
+        "pbpo": "I don't like either.",
+        "pbpo-no-synthesis": "It's hard to choose.",
+        "pbpo-no-skip": None,
+    }
+    assert {condition.environment for condition in plan.conditions} == {environment}
+    assert all(condition.settings == {"preset": preset} for condition in plan.conditions)
+    assert plan.environments[environment].is_crane
+    assert (plan.trials, plan.queries_per_trial, plan.break_s) == (3, 30, 120)
+    assert (plan.familiarisation.videos, plan.familiarisation.required) == (10, 0)
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_the_texts_of_a_shipped_study_render_and_leave_nothing_to_fill_in(name: str) -> None:
+    study = load(SHIPPED[name])
+    for language in study.plan.languages:
+        assert set(study.texts[language]) == set(TEXT_NAMES)
+        for text in study.texts[language].values():
+            assert render(text).startswith("<h2>")
+            assert not re.search(r"\[.*?\]|TODO", text)
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_the_texts_of_a_shipped_study_say_the_numbers_of_its_plan(name: str) -> None:
+    study = load(SHIPPED[name])
+    assert "three parts of 30" in study.texts["en"]["consent"]
+    assert "three parts of 30" in study.texts["en"]["instructions"].replace("\n", " ")
+    assert "ten videos" in study.texts["en"]["instructions"]
+    assert "two minutes" in study.texts["en"]["consent"]
+
+
+def test_a_study_is_found_by_its_name_or_its_folder(tmp_path: Path) -> None:
+    assert resolve("waste-crane") == SHIPPED["waste-crane"]
+    assert resolve(str(tmp_path)) == tmp_path
+
+
+def test_a_study_that_is_neither_is_refused_with_what_there_is() -> None:
+    with pytest.raises(UnknownStudyError, match=r"waste-crane, waste-crane-env2.* got 'no-such'"):
+        resolve("no-such")
+
+
+# The example
+
+
+def test_a_new_study_lacks_nothing_but_its_videos(tmp_path: Path) -> None:
+    init(tmp_path / "new" / "study")
+    with pytest.raises(StudyFaults) as caught:
+        load(tmp_path / "new" / "study")
+    assert [fault.file for fault in caught.value.faults] == ["recordings.csv"] * 4
+    assert all("expected a video, there is no file" in str(f) for f in caught.value.faults)
+
+
+def test_a_new_study_is_sound_once_its_videos_are_there(
+    tmp_path: Path, write_video: Callable[..., None]
+) -> None:
+    init(tmp_path)
+    for shade, name in enumerate(("slow-low", "slow-high", "fast-low-1", "fast-low-2")):
+        write_video(tmp_path / "videos" / f"{name}.mp4", 50 * shade)
+    study = load(tmp_path)
+    assert len(study.recordings) == 4
+    assert len(study.candidates("kitchen")) == 3
+
+
+def test_the_example_explains_every_key_of_a_plan(tmp_path: Path) -> None:
+    init(tmp_path)
+    text = (tmp_path / "study.yaml").read_text(encoding="utf-8")
+    for key in load(SHIPPED["waste-crane"]).plan.model_fields_set | {"contact"}:
+        assert re.search(rf"^(# )?{key}:", text, re.MULTILINE), key
+
+
+def test_a_folder_with_something_in_it_is_left_alone(tmp_path: Path) -> None:
+    (tmp_path / "thesis.txt").write_text("years of work")
+    with pytest.raises(FolderNotEmptyError, match="expected a new or empty folder"):
+        init(tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["thesis.txt"]
+
+
+def test_a_file_is_no_folder_to_begin_in(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(FolderNotEmptyError, match="got the file"):
+        init(tmp_path / "file")

@@ -40,8 +40,8 @@ Faults = Callable[[Path], list[str]]
             (
                 "study.yaml:20: break: unknown key, expected one of version, slug, title,"
                 " languages, parameters, environments, conditions, trials_per_condition,"
-                " queries_per_trial, order, break_s, familiarisation, session_expires_after_days, contact"
-                " (did you mean break_s?)"
+                " queries_per_trial, order, break_s, familiarisation,"
+                " session_expires_after_days, contact (did you mean break_s?)"
             ),
         ),
         (

@@ -25,10 +25,13 @@ RESERVED_PARAMETERS = frozenset(
         "posterior_mean",
         "posterior_std",
         "query_index",
+        "public_id",
         "recording",
+        "run",
         "score",
         "session_id",
         "sha256",
+        "source",
         "study",
         "trial_index",
     }

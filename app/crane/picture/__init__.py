@@ -1,0 +1,1 @@
+"""How a fixed camera in the pit sees one run of the crane."""

@@ -1,0 +1,61 @@
+"""Preference learning: which of a finite set of candidates does an evaluator like best?
+
+    from app.pbbo import PreferenceOptimizer
+
+    optimizer = PreferenceOptimizer(candidates, method="pbpo", seed=0)
+    query = optimizer.ask()
+    optimizer.tell(query, "left")
+    optimizer.best()
+
+The names below are the room's door; everything else may change. See docs/optimiser.md.
+"""
+
+import os
+
+# A step works on matrices of a few dozen rows. Split over threads they take longer, many times
+# longer where the cores are busy. Read when NumPy and SciPy load, so before anything below; a user
+# who sets a number keeps it.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+from app.pbbo.errors import (
+    CandidatesError,
+    FitError,
+    HistoryError,
+    NoPosteriorError,
+    PbboError,
+    QueryNotAskedError,
+    SeedError,
+    SettingsError,
+    SkipNotOfferedError,
+    UnknownMethodError,
+    UnknownResponseError,
+)
+from app.pbbo.methods import METHODS, allows_skip, has_posterior
+from app.pbbo.optimizer import ENGINE_VERSION, PreferenceOptimizer
+from app.pbbo.preferences import RESPONSES, Preference, Query, Response
+from app.pbbo.settings import PRESETS, Settings
+
+__all__ = [
+    "ENGINE_VERSION",
+    "METHODS",
+    "PRESETS",
+    "RESPONSES",
+    "CandidatesError",
+    "FitError",
+    "HistoryError",
+    "NoPosteriorError",
+    "PbboError",
+    "Preference",
+    "PreferenceOptimizer",
+    "Query",
+    "QueryNotAskedError",
+    "Response",
+    "SeedError",
+    "Settings",
+    "SettingsError",
+    "SkipNotOfferedError",
+    "UnknownMethodError",
+    "UnknownResponseError",
+    "allows_skip",
+    "has_posterior",
+]

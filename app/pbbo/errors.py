@@ -1,0 +1,53 @@
+"""What can be wrong with a call to the optimiser: one named error per kind of mistake.
+
+Every message says what was expected and what came. All of them are `PbboError`, which is a
+`ValueError`, so a caller may catch one, or all.
+"""
+
+
+class PbboError(ValueError):
+    """A mistake in what was handed to the optimiser, or a fit that did not succeed."""
+
+
+class CandidatesError(PbboError):
+    """The candidates are not a finite (n, d) array of at least two different rows."""
+
+
+class UnknownMethodError(PbboError):
+    """The method's name is not one of those offered."""
+
+
+class SettingsError(PbboError):
+    """A setting is unknown, of the wrong type, or out of its range."""
+
+
+class SeedError(PbboError):
+    """The seed is not a non-negative whole number."""
+
+
+class HistoryError(PbboError):
+    """A stored history holds an entry that no trial over these candidates can contain."""
+
+
+class QueryNotAskedError(PbboError):
+    """A response came for a query that is not the one waiting for a response."""
+
+
+class UnknownResponseError(PbboError):
+    """The response is none of left, right and skip."""
+
+
+class SkipNotOfferedError(PbboError):
+    """A skip came under a method that offers no skip."""
+
+
+class ScoreError(PbboError):
+    """A score told to a `ScoreOptimizer` is not a finite number, or not for what was asked."""
+
+
+class NoPosteriorError(PbboError):
+    """The method keeps no model, so it has no posterior."""
+
+
+class FitError(PbboError):
+    """The variational fit did not reach a usable posterior."""

@@ -1,0 +1,235 @@
+"""Ask and tell: the only door to the preference optimiser.
+
+A proposal is a pure function of (candidates, method, settings, history, seed, index). Nothing is
+carried from one model fit to the next, so an optimiser replayed from stored responses proposes what
+the one that never stopped would have, at the cost of one fit.
+"""
+
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
+
+from app.pbbo.acquisition import random_pair, thompson_pair
+from app.pbbo.candidates import Candidates, FloatArray
+from app.pbbo.errors import (
+    FitError,
+    HistoryError,
+    NoPosteriorError,
+    QueryNotAskedError,
+    SettingsError,
+    SkipNotOfferedError,
+    UnknownResponseError,
+)
+from app.pbbo.knockout import challenger
+from app.pbbo.methods import method_named
+from app.pbbo.preferences import Preference, Query, Response, TrialType, checked_response
+from app.pbbo.randomness import Purpose, checked_seed, generator
+from app.pbbo.settings import Settings
+from app.pbbo.synthesis import Learned
+
+if TYPE_CHECKING:
+    from app.pbbo.model import Posterior
+
+# Part of every recorded query. Raise it whenever the same history and seed may give another query.
+ENGINE_VERSION = "1"
+
+# Means this close, in prior standard deviations, differ by rounding alone.
+TIE = 1e-9
+
+
+class PreferenceOptimizer:
+    """Finds the candidate an evaluator likes best from choices between two.
+
+    candidates: (n, d), finite, at least two different rows.
+    """
+
+    def __init__(
+        self,
+        candidates: Any,
+        method: str = "pbpo",
+        seed: int = 0,
+        settings: Settings | None = None,
+    ) -> None:
+        self._method_name = method
+        self._method = method_named(method)
+        self._seed = checked_seed(seed)
+        self._settings = Settings() if settings is None else settings
+        if not isinstance(self._settings, Settings):
+            raise SettingsError(f"settings: expected a Settings value, got {settings!r}")
+        self._candidates = Candidates.from_array(candidates, scale=self._settings.scale_candidates)
+        self._learned = Learned(seed=self._seed, synthesise=self._method.synthesis)
+        self._told = 0
+        self._last: frozenset[int] = frozenset()
+        self._pending: Query | None = None
+        self._belief: Posterior | FitError | None = None
+
+    @classmethod
+    def replay(
+        cls,
+        candidates: Any,
+        history: Iterable[tuple[int, int, str]],
+        *,
+        method: str = "pbpo",
+        seed: int = 0,
+        settings: Settings | None = None,
+    ) -> Self:
+        """The optimiser after exactly these (left, right, response), oldest first.
+
+        The queries are taken as stored, whether or not this version would have asked them.
+        """
+        optimizer = cls(candidates, method, seed, settings)
+        for place, entry in enumerate(history):
+            left, right, response = optimizer._checked_entry(place, entry)
+            optimizer._record(left, right, response)
+        return optimizer
+
+    def ask(self) -> Query:
+        """The query that waits for a response; the same one until `tell`."""
+        if self._pending is None:
+            self._pending = self._propose()
+        return self._pending
+
+    def tell(self, query: Query, response: str) -> None:
+        """Take the response to the query that `ask` gave."""
+        if self._pending is None or query != self._pending:
+            waiting = "none, ask() comes first" if self._pending is None else repr(self._pending)
+            raise QueryNotAskedError(
+                f"tell: expected the query that waits ({waiting}), got {query!r}"
+            )
+        self._record(query.left, query.right, self._offered(checked_response(response)))
+
+    def best(self) -> int:
+        """The acquired candidate: the largest posterior mean, or knockout's last winner.
+
+        Of equal means the first row. While nothing has been learned every candidate is as good as
+        any other, and one drawn from the seed is named. Where the model cannot be fitted, the
+        candidate that won most often, counted against its losses.
+        """
+        n = len(self._candidates)
+        if not self._method.model:
+            winner = self._learned.last_choice
+            return self._uninformed() if winner is None else winner
+        if not self._learned.preferences:
+            return self._uninformed()
+        try:
+            mean, _ = self.posterior()
+        except FitError:
+            wins = np.zeros(n)
+            for preference in self._learned.preferences:
+                wins[preference.winner] += 1.0
+                wins[preference.loser] -= 1.0
+            return int(np.argmax(wins))
+        margin = TIE * float(np.sqrt(self._settings.signal_variance))
+        return int(np.argmax(mean >= mean.max() - margin))
+
+    def posterior(self) -> tuple[FloatArray, FloatArray]:
+        """Mean and standard deviation of the latent function at every candidate; each (n,).
+
+        `NoPosteriorError` for a method without a model, `FitError` where it cannot be fitted.
+        """
+        if not self._method.model:
+            raise NoPosteriorError(f"posterior: {self._method_name} keeps no model of the answers")
+        belief = self._believe()
+        return belief.mean.copy(), belief.std.copy()
+
+    @property
+    def preferences(self) -> tuple[Preference, ...]:
+        """What has been learned so far, in the order in which it was learned."""
+        return self._learned.preferences
+
+    @property
+    def responses(self) -> int:
+        """How many responses were taken, skips included: the index of the next query."""
+        return self._told
+
+    @property
+    def settings(self) -> Settings:
+        """The settings in force."""
+        return self._settings
+
+    def _record(self, left: int, right: int, response: Response) -> None:
+        self._learned.record(self._told, left, right, response)
+        self._told += 1
+        self._last = frozenset((left, right))
+        self._pending = None
+        self._belief = None
+
+    def _offered(self, response: Response) -> Response:
+        if response == "skip" and not self._method.skip:
+            raise SkipNotOfferedError(
+                f"response: expected left or right, got skip; {self._method_name} offers no skip"
+            )
+        return response
+
+    def _checked_entry(self, place: int, entry: object) -> tuple[int, int, Response]:
+        """One entry of a stored history, or a named error with its place."""
+        n = len(self._candidates)
+        if not isinstance(entry, (tuple, list)) or len(entry) != 3:
+            raise HistoryError(f"history[{place}]: expected (left, right, response), got {entry!r}")
+        left, right, response = entry
+        for side in (left, right):
+            whole = isinstance(side, (int, np.integer)) and not isinstance(side, bool)
+            if not whole or not 0 <= side < n:
+                raise HistoryError(
+                    f"history[{place}]: expected candidates from 0 to {n - 1}, got {side!r}"
+                )
+        if left == right:
+            raise HistoryError(
+                f"history[{place}]: expected two different candidates, got {left} on both sides"
+            )
+        try:
+            return int(left), int(right), self._offered(checked_response(response))
+        except (SkipNotOfferedError, UnknownResponseError) as error:
+            raise type(error)(f"history[{place}]: {error}") from error
+
+    def _propose(self) -> Query:
+        index = self._told
+        trial_type, acquisition, pair = self._choose(index)
+        if generator(self._seed, Purpose.SIDES, index).integers(2):
+            pair = pair[::-1]
+        return Query(index, pair[0], pair[1], trial_type, acquisition, self._seed)
+
+    def _choose(self, index: int) -> tuple[TrialType, str, tuple[int, int]]:
+        if not self._method.model:
+            winner = self._learned.last_choice
+            if winner is None:
+                return "random", "random", self._random_pair(index)
+            rng = generator(self._seed, Purpose.KNOCKOUT, index)
+            opponent = challenger(rng, len(self._candidates), winner, self._last)
+            return "model", "knockout", (winner, opponent)
+        if self._learned.answers < self._settings.random_queries:
+            return "random", "random", self._random_pair(index)
+        try:
+            belief = self._believe()
+            rng = generator(self._seed, Purpose.THOMPSON, index)
+            pair = thompson_pair(rng, belief.draw, len(self._candidates), self._last)
+        except FitError:
+            # The evaluator goes on; the record says that this query was not the model's.
+            return "random", "random-fallback", self._random_pair(index)
+        return "model", self._settings.acquisition, pair
+
+    def _random_pair(self, index: int) -> tuple[int, int]:
+        rng = generator(self._seed, Purpose.RANDOM_PAIR, index)
+        return random_pair(rng, len(self._candidates), self._last)
+
+    def _uninformed(self) -> int:
+        rng = generator(self._seed, Purpose.UNINFORMED, 0)
+        return int(rng.integers(len(self._candidates)))
+
+    def _believe(self) -> "Posterior":
+        """The posterior given everything learned so far, fitted when first needed."""
+        if self._belief is None:
+            # SciPy takes a third of a second to import, which no command should pay that does not
+            # fit a model.
+            from app.pbbo.model import belief_over  # noqa: PLC0415
+
+            try:
+                self._belief = belief_over(
+                    self._candidates, self._learned.preferences, self._settings
+                )
+            except FitError as error:
+                self._belief = error
+        if isinstance(self._belief, FitError):
+            raise self._belief
+        return self._belief

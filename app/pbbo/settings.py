@@ -1,0 +1,145 @@
+"""The settings of a preference optimiser, one frozen value, and the paper's own as presets.
+
+Length scales are given in the ordinary convention, k(x, x') = s2 exp(-d^2 / (2 l^2)), in units of
+the search space scaled to the unit cube. The paper's "length scale 0.01" (Section VI-A) cannot be
+meant so: on its grid of step 0.05 neighbouring candidates would have correlation 3.7e-6. Read as
+k = exp(-d^2 / (2 l)) it is an ordinary length scale of sqrt(0.01) = 0.1, which is what the presets
+hold (`ordinary_length_scale`).
+"""
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields, replace
+from math import isfinite, sqrt
+from types import MappingProxyType
+from typing import Any, Final, Literal, Self, TypeVar
+
+from app.pbbo.errors import SettingsError
+
+Acquisition = Literal["thompson"]
+ACQUISITIONS: Final[tuple[Acquisition, ...]] = ("thompson",)
+
+# Beyond these the kernel matrix is numerically the identity, or numerically of rank one.
+SHORTEST_LENGTH_SCALE: Final = 1e-4
+LONGEST_LENGTH_SCALE: Final = 1e3
+# The quadrature's table (probit.py) reaches this far: signal standard deviation over epsilon.
+LARGEST_SIGNAL_TO_NOISE: Final = 1e6
+# Below, every answer is a coin flip to within float64's rounding, whatever the candidates are.
+SMALLEST_SIGNAL_TO_NOISE: Final = 1e-6
+
+
+def ordinary_length_scale(paper_length_scale: float) -> float:
+    """The ordinary length scale of a kernel the paper writes as exp(-d^2 / (2 l))."""
+    return sqrt(paper_length_scale)
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How a `PreferenceOptimizer` models the answers and chooses queries.
+
+    length_scale: of the RBF kernel, in units of the unit cube (of the candidates' own units when
+        `scale_candidates` is off). With `optimise_kernel`, where its optimisation starts.
+    epsilon: noise of an answer, in units of the latent function: P(left wins) is
+        Phi((f_left - f_right) / (sqrt(2) epsilon)).
+    signal_variance: prior variance of the latent function. Only its ratio to epsilon^2 matters.
+    random_queries: queries are random until this many answers that are not skips were given.
+    optimise_kernel: fit the length scale too, in turn with the posterior, by automatic
+        differentiation of the evidence lower bound.
+    acquisition: how a query is chosen from the posterior.
+    scale_candidates: scale each parameter by its range over the candidates to [0, 1] first.
+    """
+
+    length_scale: float = 0.1
+    epsilon: float = 0.01
+    signal_variance: float = 1.0
+    random_queries: int = 5
+    optimise_kernel: bool = False
+    acquisition: Acquisition = "thompson"
+    scale_candidates: bool = True
+
+    def __post_init__(self) -> None:
+        for name in ("length_scale", "epsilon", "signal_variance"):
+            object.__setattr__(self, name, positive(name, getattr(self, name)))
+        if not SHORTEST_LENGTH_SCALE <= self.length_scale <= LONGEST_LENGTH_SCALE:
+            raise SettingsError(
+                f"length_scale: expected {SHORTEST_LENGTH_SCALE} to {LONGEST_LENGTH_SCALE}, "
+                f"got {self.length_scale!r}"
+            )
+        ratio = sqrt(self.signal_variance) / self.epsilon
+        if not SMALLEST_SIGNAL_TO_NOISE <= ratio <= LARGEST_SIGNAL_TO_NOISE:
+            raise SettingsError(
+                "epsilon: expected sqrt(signal_variance) / epsilon from "
+                f"{SMALLEST_SIGNAL_TO_NOISE:g} to {LARGEST_SIGNAL_TO_NOISE:g}, got {ratio:g} "
+                f"(epsilon {self.epsilon!r}, signal_variance {self.signal_variance!r})"
+            )
+        whole("random_queries", self.random_queries)
+        for name in ("optimise_kernel", "scale_candidates"):
+            flag(name, getattr(self, name))
+        if self.acquisition not in ACQUISITIONS:
+            raise SettingsError(
+                f"acquisition: expected one of {', '.join(ACQUISITIONS)}, got {self.acquisition!r}"
+            )
+
+    @classmethod
+    def from_mapping(cls, mapping: Mapping[str, Any]) -> Self:
+        """Settings from a study's plan: an optional `preset`, and keys that override it."""
+        given = dict(mapping)
+        base = cls()
+        if "preset" in given:
+            name = given.pop("preset")
+            if not isinstance(name, str) or name not in PRESETS:
+                raise SettingsError(f"preset: expected one of {', '.join(PRESETS)}, got {name!r}")
+            base = cls(**asdict(PRESETS[name]))
+        return override(base, given)
+
+    def to_mapping(self) -> dict[str, Any]:
+        """Every setting by name: what `from_mapping` turns back into this value."""
+        return asdict(self)
+
+
+AnySettings = TypeVar("AnySettings", bound="Settings")
+
+
+def override(base: AnySettings, given: Mapping[str, Any]) -> AnySettings:
+    """`base` with the given settings, or `SettingsError` naming the first unknown key."""
+    known = [field.name for field in fields(base)]
+    for name in given:
+        if name not in known:
+            raise SettingsError(
+                f"{name!r}: expected a setting, one of preset, {', '.join(known)}; got {name!r}"
+            )
+    return replace(base, **given)
+
+
+def positive(name: str, value: object) -> float:
+    """A finite number above zero as a float, or `SettingsError`."""
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        raise SettingsError(f"{name}: expected a number above 0, got {value!r}")
+    if not isfinite(value) or value <= 0:
+        raise SettingsError(f"{name}: expected a finite number above 0, got {value!r}")
+    return float(value)
+
+
+def whole(name: str, value: object) -> None:
+    """Refuse what is not a whole number from 0 on."""
+    if isinstance(value, bool) or not isinstance(value, int) or value < 0:
+        raise SettingsError(f"{name}: expected a whole number from 0 on, got {value!r}")
+
+
+def flag(name: str, value: object) -> None:
+    """Refuse what is neither true nor false."""
+    if not isinstance(value, bool):
+        raise SettingsError(f"{name}: expected true or false, got {value!r}")
+
+
+# Section VI-A: l = 0.01 in both environments, epsilon 0.01 (Env1) and 0.0001 (Env2).
+PAPER_LENGTH_SCALE: Final = 0.01
+PRESETS: Final[Mapping[str, Settings]] = MappingProxyType(
+    {
+        "paper-env1": Settings(
+            length_scale=ordinary_length_scale(PAPER_LENGTH_SCALE), epsilon=0.01
+        ),
+        "paper-env2": Settings(
+            length_scale=ordinary_length_scale(PAPER_LENGTH_SCALE), epsilon=0.0001
+        ),
+    }
+)

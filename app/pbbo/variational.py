@@ -1,0 +1,299 @@
+"""The variational posterior under probit answers: full covariance, maximal ELBO (Eq. 10, 11).
+
+Works on whitened variables z ~ N(0, I_r): the latent values are f = L z with L L' the prior
+covariance, and answer i sees one linear functional of them, x_i' z, as a probit observation. For
+preferences the functional is a difference of two latent values, but nothing here depends on that.
+
+The best Gaussian q(z) = N(mean, S) has S^-1 = I + X' diag(sites) X: one precision per answer
+(Opper and Archambeau 2009), so the r(r+1)/2 numbers of a full covariance are m. The bound is
+
+    sum_i E_q[log Phi(x_i' z / scale)] - (log|S^-1| - sum_i sites_i v_i + |mean|^2) / 2,
+
+v_i = x_i' S x_i. (Eq. 11 as printed has the sign of log|K| / 2 turned and counts queries where it
+should count latent values; in whitened form both cancel.) Its stationary point satisfies
+
+    mean = X' slope(mean, v),    sites = curvature(mean, v),
+
+and is found by Newton's method on both together, the sites in logarithms, with the bound as the
+measure of progress. A small scale makes the problem stiff, so the scale is lowered in stages, each
+started from the one before.
+"""
+
+from dataclasses import dataclass
+from math import ceil, log
+from typing import Final
+
+import numpy as np
+from scipy.linalg import lapack
+
+from app.pbbo.candidates import FloatArray
+from app.pbbo.errors import FitError
+from app.pbbo.probit import expectations
+
+# Ratio of the scales of successive stages: 2 to 10 all work, 5 needs the fewest steps in total.
+STAGE_RATIO: Final = 5.0
+# Stages before the last need no more than a start for the next.
+ROUGH: Final = 0.3
+# On the last: about how far a mean may lie from its optimum, in posterior standard deviations.
+TOLERANCE: Final = 1e-6
+# A fit that stalls in rounding noise is still a fit if it stalls this close.
+ACCEPTABLE: Final = 1e-2
+STEPS: Final = 60
+MEAN_STEPS: Final = 6
+# Relative change of the bound that rounding alone can cause.
+ROUNDING: Final = 1e-9
+# Most a site may change in one step: a factor of e^3.
+LONGEST_STEP: Final = 3.0
+# A site this small next to the prior's precision says nothing; below it, logarithms would chase
+# answers that the others already imply.
+NEGLIGIBLE: Final = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class Answers:
+    """What q is fitted to.
+
+    features: (m, r), row i the functional answer i sees, of the whitened latent variables.
+    counts: (m,), how often the same answer was given.
+    scale: the probit's noise, sqrt(2) epsilon.
+    """
+
+    features: FloatArray
+    counts: FloatArray
+    scale: float
+
+
+@dataclass(frozen=True, eq=False)
+class Gaussian:
+    """q(z) = N(mean, S), S^-1 = root root'.
+
+    mean: (r,);  root: (r, r) lower triangular;  sites: (m,) precisions;  bound: the ELBO.
+    """
+
+    mean: FloatArray
+    root: FloatArray
+    sites: FloatArray
+    bound: float
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """q at some (mean, sites), with the bound and its derivatives there; each (m,) but for q."""
+
+    q: Gaussian
+    variance: FloatArray
+    slope: FloatArray
+    curvature: FloatArray
+    third: FloatArray
+    fourth: FloatArray
+
+
+def fit(answers: Answers) -> Gaussian:
+    """The Gaussian that maximises the bound, or `FitError`."""
+    prior_variance = np.einsum("ij,ij->i", answers.features, answers.features)
+    if not len(prior_variance) or not np.isfinite(prior_variance).all():
+        raise FitError(
+            f"fit: expected finite functionals of the latent values, got {prior_variance}"
+        )
+    if prior_variance.min() <= 0.0:
+        raise FitError("fit: expected functionals that vary under the prior, got a constant one")
+    floor = NEGLIGIBLE / prior_variance
+    mean = np.zeros(answers.features.shape[1])
+    sites = 0.5 / prior_variance
+    before = sites
+    scales = stages(float(np.sqrt(prior_variance.max())), answers.scale)
+    for number, scale in enumerate(scales):
+        stage = Answers(answers.features, answers.counts, scale)
+        start = sites
+        if number >= 2:
+            # Sites follow a power of the scale from stage to stage.
+            start = np.maximum((sites + floor) ** 2 / (before + floor) - floor, 0.0)
+        before = sites
+        start = np.minimum(start, largest_sites(stage))
+        mean = move_mean(stage, mean, start)
+        last = number == len(scales) - 1
+        state = ascend(stage, mean, start, floor, TOLERANCE if last else ROUGH, strict=last)
+        mean, sites = state.q.mean, state.q.sites
+    return state.q
+
+
+def stages(widest: float, scale: float) -> list[float]:
+    """The scales to solve at, from about the prior's own width down to the one asked for."""
+    count = max(0, ceil(log(widest / scale) / log(STAGE_RATIO))) if scale < widest else 0
+    return [scale * (widest / scale) ** (k / count) for k in range(count, 0, -1)] + [scale]
+
+
+def largest_sites(answers: Answers) -> FloatArray:
+    """-l'' never exceeds 1, so no optimal site exceeds this; (m,)."""
+    return np.asarray(answers.counts / answers.scale**2)
+
+
+def factor(precision: FloatArray) -> FloatArray | None:
+    """Lower Cholesky factor, or None where rounding leaves none."""
+    root, info = lapack.dpotrf(precision, lower=1, clean=1)
+    return root if info == 0 else None
+
+
+def precision_of(features: FloatArray, sites: FloatArray) -> FloatArray:
+    """I + X' diag(sites) X; (r, r)."""
+    precision = features.T @ (sites[:, None] * features)
+    precision.flat[:: len(precision) + 1] += 1.0
+    return precision
+
+
+def evaluate(answers: Answers, mean: FloatArray, sites: FloatArray) -> State | None:
+    """The bound and its derivatives at (mean, sites); None where they are not finite."""
+    features, counts, scale = answers.features, answers.counts, answers.scale
+    root = factor(precision_of(features, sites))
+    if root is None:
+        return None
+    spread, _ = lapack.dtrtrs(root, features.T, lower=1)  # (r, m): S = spread' spread on answers
+    variance = np.einsum("ij,ij->j", spread, spread)
+    e = expectations(features @ mean / scale, np.sqrt(variance) / scale)
+    divergence = 2.0 * np.log(np.diagonal(root)).sum() - sites @ variance + mean @ mean
+    bound = float(counts @ e.value - 0.5 * divergence)
+    if not np.isfinite(bound):
+        return None
+    return State(
+        q=Gaussian(mean, root, sites, bound),
+        variance=variance,
+        slope=counts * e.slope / scale,
+        curvature=counts * e.curvature / scale**2,
+        third=counts * e.third / scale**3,
+        fourth=counts * e.fourth / scale**4,
+    )
+
+
+def move_mean(answers: Answers, mean: FloatArray, sites: FloatArray) -> FloatArray:
+    """The best mean for the covariance that `sites` give: Newton on a concave function."""
+    features, counts, scale = answers.features, answers.counts, answers.scale
+    root = factor(precision_of(features, sites))
+    if root is None:
+        return mean
+    spread, _ = lapack.dtrtrs(root, features.T, lower=1)
+    width = np.sqrt(np.einsum("ij,ij->j", spread, spread)) / scale
+
+    e = expectations(features @ mean / scale, width)
+    value = float(counts @ e.value - 0.5 * mean @ mean)
+    for _ in range(MEAN_STEPS):
+        gradient = features.T @ (counts * e.slope / scale) - mean
+        hessian_root = factor(precision_of(features, counts * e.curvature / scale**2))
+        if hessian_root is None:
+            return mean
+        step, _ = lapack.dpotrs(hessian_root, gradient, lower=1)
+        if float(step @ gradient) < ROUGH**2 / 10.0:
+            return mean
+        for halvings in range(8):
+            tried = mean + step * 0.4**halvings
+            at = expectations(features @ tried / scale, width)
+            reached = float(counts @ at.value - 0.5 * tried @ tried)
+            if reached >= value:
+                mean, value, e = tried, reached, at
+                break
+        else:
+            return mean
+    return mean
+
+
+def ascend(
+    answers: Answers,
+    mean: FloatArray,
+    sites: FloatArray,
+    floor: FloatArray,
+    tolerance: float,
+    *,
+    strict: bool,
+) -> State:
+    """Newton steps, each of which must raise the bound, until the residual is below tolerance."""
+    state = evaluate(answers, mean, sites)
+    if state is None:
+        state = evaluate(answers, np.zeros_like(mean), floor)
+    if state is None:
+        raise FitError(f"fit: the bound is not finite at scale {answers.scale:g}")
+    best = residual(answers, state, floor)
+    for _ in range(STEPS):
+        if best < tolerance:
+            return state
+        moved = newton_step(answers, state, floor) or natural_step(answers, state)
+        if moved is None:
+            break
+        state = moved
+        best = residual(answers, state, floor)
+    if strict and not best < ACCEPTABLE:
+        raise FitError(
+            f"fit: expected a residual below {ACCEPTABLE:g} after {STEPS} steps, got {best:g} "
+            f"({len(sites)} different answers, scale {answers.scale:g})"
+        )
+    return state
+
+
+def residual(answers: Answers, state: State, floor: FloatArray) -> float:
+    """Distance from the stationary point: of the mean in posterior deviations, of the sites in
+    logarithms (those that matter: a site's weight is the share of variance it takes away)."""
+    gradient = answers.features.T @ state.slope - state.q.mean
+    whitened, _ = lapack.dtrtrs(state.q.root, gradient, lower=1)
+    error = np.log((state.curvature + floor) / (state.q.sites + floor))
+    weight = np.minimum(1.0, 1e3 * state.q.sites * state.variance)
+    return float(max(np.sqrt(whitened @ whitened), np.abs(weight * error).max()))
+
+
+def newton_step(answers: Answers, state: State, floor: FloatArray) -> State | None:
+    """One joint Newton step on mean and log-sites, shortened until the bound rises."""
+    features = answers.features
+    held = state.q.sites + floor
+    wanted = state.curvature + floor
+    gap = np.log(wanted / held)
+    gradient = features.T @ state.slope - state.q.mean
+
+    root = factor(precision_of(features, state.curvature))
+    if root is None:
+        return None
+    spread, _ = lapack.dtrtrs(state.q.root, features.T, lower=1)
+    squared = (spread.T @ spread) ** 2  # -d variance / d sites, (m, m)
+    ahead, _ = lapack.dtrtrs(root, features.T, lower=1)
+    whitened, _ = lapack.dtrtrs(root, gradient, lower=1)
+
+    # Eliminating the mean leaves one equation per site.
+    bend = state.third[:, None] * squared
+    system = (
+        state.fourth[:, None] * squared + state.third[:, None] * (ahead.T @ (ahead @ bend))
+    ) * (-0.5 / wanted[:, None] * held)
+    system.flat[:: len(held) + 1] += 1.0
+    right = gap - state.third / wanted * (ahead.T @ whitened)
+    _, _, log_step, info = lapack.dgesv(system, right)
+    if info != 0 or not np.isfinite(log_step).all():
+        return None
+    pull = gradient - 0.5 * (features.T @ (bend @ (held * log_step)))
+    mean_step, _ = lapack.dpotrs(root, pull, lower=1)
+
+    length = min(1.0, LONGEST_STEP / max(float(np.abs(log_step).max()), 1e-300))
+    cap = largest_sites(answers)
+    for _ in range(6):
+        sites = np.clip(held * np.exp(length * log_step) - floor, 0.0, cap)
+        moved = evaluate(answers, state.q.mean + length * mean_step, sites)
+        if moved is not None and moved.q.bound >= state.q.bound - ROUNDING * (
+            1.0 + abs(state.q.bound)
+        ):
+            return moved
+        length /= 3.0
+    return None
+
+
+def natural_step(answers: Answers, state: State) -> State | None:
+    """A damped step along the natural gradient, which raises the bound wherever it can rise."""
+    features = answers.features
+    natural = state.q.root @ (state.q.root.T @ state.q.mean)
+    seen = features @ state.q.mean
+    target = features.T @ (state.slope + state.curvature * seen)
+    damping = 0.5
+    for _ in range(8):
+        sites = (1.0 - damping) * state.q.sites + damping * state.curvature
+        root = factor(precision_of(features, sites))
+        if root is not None:
+            blend = (1.0 - damping) * natural + damping * target
+            mean, _ = lapack.dpotrs(root, blend, lower=1)
+            moved = evaluate(answers, mean, sites)
+            if moved is not None and moved.q.bound > state.q.bound:
+                return moved
+        damping /= 4.0
+    return None

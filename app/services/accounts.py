@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from datetime import timedelta
+from functools import cache
 from typing import TypeVar
 
 from argon2 import PasswordHasher
@@ -26,8 +27,6 @@ MIN_PASSWORD_LENGTH = 10
 Token = TypeVar("Token", SignIn, ApiToken)
 
 _hasher = PasswordHasher()
-#: Verified where there is no such account, so that an answer takes as long as where there is one.
-_NOBODYS_HASH = _hasher.hash("nobody has this password")
 
 
 @dataclass(frozen=True)
@@ -43,11 +42,7 @@ def create(studio: Studio, email: str, password: str) -> Experimenter:
     email = _normal(email)
     if "@" not in email.strip("@"):
         raise ConflictError(f"expected an e-mail address, got {email!r}")
-    if len(password) < MIN_PASSWORD_LENGTH:
-        raise ConflictError(
-            f"expected a password of at least {MIN_PASSWORD_LENGTH} characters, got {len(password)}"
-        )
-    hashed = _hasher.hash(password)
+    hashed = _hash(password)
     with studio.database.write() as session:
         if _account(session, email) is not None:
             raise ConflictError(f"expected a new address, and {email!r} has an account")
@@ -55,6 +50,17 @@ def create(studio: Studio, email: str, password: str) -> Experimenter:
         session.add(account)
         session.flush()
         return Experimenter(account.id, account.email)
+
+
+def set_password(studio: Studio, email: str, password: str) -> None:
+    """Give an account another password; every browser that is signed in is signed out."""
+    hashed = _hash(password)
+    with studio.database.write() as session:
+        account = _account(session, _normal(email))
+        if account is None:
+            raise NotFoundError(f"there is no account of {email!r}")
+        account.password_hash = hashed
+        session.execute(delete(SignIn).where(SignIn.account_id == account.id))
 
 
 def find(studio: Studio, email: str) -> Experimenter:
@@ -70,7 +76,7 @@ def sign_in(studio: Studio, email: str, password: str) -> str:
     with studio.database.read() as session:
         account = _account(session, _normal(email))
     try:
-        _hasher.verify(_NOBODYS_HASH if account is None else account.password_hash, password)
+        _hasher.verify(_nobodys_hash() if account is None else account.password_hash, password)
     except VerificationError:
         account = None
     if account is None:
@@ -133,6 +139,20 @@ def _by_token(studio: Studio, table: type[Token], token: str) -> Experimenter:
 
 def _account(session: Session, email: str) -> Account | None:
     return session.scalar(select(Account).where(Account.email == email))
+
+
+@cache
+def _nobodys_hash() -> str:
+    """Verified where there is no account, so that an answer takes as long as where there is."""
+    return _hasher.hash("nobody has this password")
+
+
+def _hash(password: str) -> str:
+    if len(password) < MIN_PASSWORD_LENGTH:
+        raise ConflictError(
+            f"expected a password of at least {MIN_PASSWORD_LENGTH} characters, got {len(password)}"
+        )
+    return _hasher.hash(password)
 
 
 def _normal(email: str) -> str:

@@ -22,6 +22,7 @@ from app.pbbo import (
     Preference,
     PreferenceOptimizer,
     allows_skip,
+    has_posterior,
 )
 from app.pbbo import Settings as OptimizerSettings
 from app.storage.database import Database
@@ -207,7 +208,7 @@ def _next_query(space: Space, trial: TrialInHand, optimizer: PreferenceOptimizer
 
 def _acquired(optimizer: PreferenceOptimizer, method: str) -> AcquiredCandidate:
     best = optimizer.best()
-    if method == "knockout":
+    if not has_posterior(method):
         return AcquiredCandidate(best, None, None)
     mean, std = optimizer.posterior()
     return AcquiredCandidate(best, float(mean[best]), float(std[best]))

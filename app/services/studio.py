@@ -6,6 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 
+from threadpoolctl import threadpool_limits
+
 from app.storage.database import Database
 from app.storage.schema import migrate
 
@@ -42,13 +44,17 @@ def open_studio(
     *,
     now: Callable[[], datetime] = utc_now,
     seed: Callable[[], int] = new_seed,
+    background: Background | None = None,
 ) -> Studio:
     """Open the studio of `settings`, bringing its database to the newest schema."""
+    # A fit takes some milliseconds on one processor, and several times that if every fit of every
+    # evaluator tries to have them all.
+    threadpool_limits(1, user_api="blas")
     settings.data_dir.mkdir(parents=True, exist_ok=True)
     settings.media_dir.mkdir(parents=True, exist_ok=True)
     migrate(settings.url)
     database = Database(settings.url)
-    background = Background(settings.render_jobs)
+    background = background or Background(settings.render_jobs)
     recordings = Recordings(database, background, settings)
     return Studio(
         settings=settings,

@@ -24,7 +24,9 @@ ALLOWED: dict[str, frozenset[str]] = {
     "services": GROUND | {"storage", "figures"},
     "web": GROUND | {"storage", "figures", "services"},
     "main": GROUND | {"storage", "figures", "services", "web"},
-    "cli": GROUND | {"storage", "figures", "services", "web", "lab", "main"},
+    "server": frozenset({"services", "main"}),
+    "simulation": GROUND | {"storage", "services", "lab", "main"},
+    "cli": GROUND | {"services", "server", "simulation", "main", "lab"},
 }
 #: The ground rooms know neither the web nor the database.
 FOREIGN_TO_GROUND = {"fastapi", "starlette", "sqlalchemy", "alembic", "jinja2", "uvicorn", "httpx"}

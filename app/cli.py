@@ -1,0 +1,303 @@
+"""The commands. Each reads its options, calls one service, and prints what came of it."""
+
+from __future__ import annotations
+
+import sys
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated, Any, NoReturn
+
+import typer
+from rich.console import Console
+from rich.table import Table
+from typer.exceptions import Abort, Exit, TyperException
+
+from app.services import accounts, studies
+from app.services.errors import ServiceError
+from app.services.settings import Settings
+from app.services.studio import Studio, open_studio
+from app.study.faults import StudyFaults
+from app.study.folder import UnknownStudyError
+
+app = typer.Typer(
+    no_args_is_help=True,
+    add_completion=False,
+    rich_markup_mode=None,
+    help="PBPO Studio: human evaluation studies by pairwise video choices.",
+)
+study_app = typer.Typer(no_args_is_help=True, help="Set studies up, open and close them.")
+media_app = typer.Typer(no_args_is_help=True, help="The crane's recordings.")
+account_app = typer.Typer(no_args_is_help=True, help="Who may run studies.")
+app.add_typer(study_app, name="study")
+app.add_typer(media_app, name="media")
+app.add_typer(account_app, name="account")
+
+out = Console(highlight=False, soft_wrap=True)
+
+#: A user's mistake: what was asked for cannot be done as it was said.
+MISTAKE = 2
+
+
+class EvaluatorKind(StrEnum):
+    certain = "certain"
+    uncertain = "uncertain"
+
+
+class Mode(StrEnum):
+    live = "live"
+    preview = "preview"
+    simulated = "simulated"
+
+
+class CraneEnvironment(StrEnum):
+    env1 = "env1"
+    env2 = "env2"
+
+
+DataDir = Annotated[
+    Path | None,
+    typer.Option(
+        help="Where data is kept. [env: PBPO_DATA_DIR; default: data]", show_default=False
+    ),
+]
+Slug = Annotated[str, typer.Argument(help="The study's slug.", metavar="SLUG")]
+Folder = Annotated[
+    str, typer.Argument(help="A study's folder, or the name of a shipped study.", metavar="FOLDER")
+]
+Host = Annotated[str, typer.Option(help="Address to listen on.")]
+Port = Annotated[int, typer.Option(help="Port to listen on.", min=0, max=65535)]
+
+
+def main() -> None:
+    """Run a command. A user's mistake is one line on standard error, and exit status 2."""
+    try:
+        status = app(standalone_mode=False)
+    except StudyFaults as error:
+        fail(str(error))
+    except (ServiceError, UnknownStudyError, FileExistsError, NotADirectoryError) as error:
+        fail(f"pbpo: {error}")
+    except TyperException as error:
+        fail(f"pbpo: {error.format_message()} (pbpo --help shows what there is)")
+    except Exit as error:
+        sys.exit(error.exit_code)
+    except (Abort, KeyboardInterrupt):
+        sys.exit(130)
+    sys.exit(status if isinstance(status, int) else 0)
+
+
+def fail(message: str) -> NoReturn:
+    print(message, file=sys.stderr)
+    sys.exit(MISTAKE)
+
+
+def settings_of(data_dir: Path | None) -> Settings:
+    return Settings() if data_dir is None else Settings(data_dir=data_dir)
+
+
+def studio_of(data_dir: Path | None, **changes: Any) -> Studio:
+    return open_studio(settings_of(data_dir), **changes)
+
+
+@app.command()
+def demo(port: Port = 8000, host: Host = "127.0.0.1", data_dir: DataDir = None) -> None:
+    """Serve the waste-crane study, set up on the first start."""
+    from app.server import listen, serve_app
+    from app.services import demo as demo_service
+
+    socket = listen(host, port)
+    address = f"http://{host}:{socket.getsockname()[1]}"
+    studio = studio_of(data_dir)
+    access = demo_service.prepare(studio, address)
+
+    def say() -> None:
+        out.print(
+            f"\nPBPO Studio is running.\n\n"
+            f"  Take part:   {access.participant_url}\n"
+            f"  Experiment:  {access.experimenter_url}\n"
+            f"  Sign in as:  {access.email}\n"
+            f"  Password:    {access.password}\n\n"
+            f"The same is in {studio.settings.data_dir / 'access.json'}. Ctrl+C stops.\n"
+        )
+
+    serve_app(studio, socket, say)
+
+
+@app.command()
+def serve(port: Port = 8000, host: Host = "127.0.0.1", data_dir: DataDir = None) -> None:
+    """Serve the studies that are there."""
+    from app.server import listen, serve_app
+
+    socket = listen(host, port)
+    studio = studio_of(data_dir)
+    serve_app(studio, socket, lambda: out.print(f"http://{host}:{socket.getsockname()[1]}"))
+
+
+@study_app.command("init")
+def study_init(folder: Annotated[Path, typer.Argument(metavar="FOLDER")]) -> None:
+    """Write a commented example of a study of one's own."""
+    from app.study.scaffold import init
+
+    init(folder)
+    out.print(f"{folder} holds an example. Change it, then: pbpo study check {folder}")
+
+
+@study_app.command("check")
+def study_check(folder: Folder) -> None:
+    """Name every fault in a study's folder: one line each."""
+    plan = studies.load_folder(folder).plan
+    out.print(
+        f"{plan.slug}: no fault found. {len(plan.conditions)} conditions, {plan.trials} trials of "
+        f"{plan.queries_per_trial} queries."
+    )
+
+
+@study_app.command("create")
+def study_create(folder: Folder, data_dir: DataDir = None) -> None:
+    """Store a study as a draft."""
+    loaded = studies.load_folder(folder)
+    info = studies.create(studio_of(data_dir), loaded)
+    out.print(
+        f"{info.slug}: created as a draft. To let participants in: pbpo study open {info.slug}"
+    )
+
+
+@study_app.command("list")
+def study_list(data_dir: DataDir = None) -> None:
+    """List the studies."""
+    table = Table("slug", "status", "trials", "queries per trial", "plan", box=None)
+    for study in studies.all_studies(studio_of(data_dir)):
+        plan = study.plan
+        table.add_row(
+            study.slug,
+            study.status,
+            str(plan.trials),
+            str(plan.queries_per_trial),
+            study.plan_hash[:12],
+        )
+    out.print(table)
+
+
+@study_app.command("open")
+def study_open(slug: Slug, data_dir: DataDir = None) -> None:
+    """Let participants in."""
+    studies.open_study(studio_of(data_dir), slug)
+    out.print(f"{slug} is open: participants enter at /s/{slug}")
+
+
+@study_app.command("close")
+def study_close(slug: Slug, data_dir: DataDir = None) -> None:
+    """Let nobody in any more; sessions under way may finish."""
+    studies.close_study(studio_of(data_dir), slug)
+    out.print(f"{slug} is closed.")
+
+
+@account_app.command("create")
+def account_create(email: str, data_dir: DataDir = None) -> None:
+    """Make an account for an experimenter; asks for the password."""
+    studio = studio_of(data_dir)
+    password = typer.prompt("Password", hide_input=True, confirmation_prompt=True)
+    accounts.create(studio, email, password)
+    out.print(f"{email} can sign in at /sign-in.")
+
+
+@account_app.command("token")
+def account_token(email: str, label: str = "command line", data_dir: DataDir = None) -> None:
+    """Make an API token for an experimenter, and show it this once."""
+    studio = studio_of(data_dir)
+    out.print(accounts.create_api_token(studio, accounts.find(studio, email), label))
+
+
+@app.command()
+def export(
+    slug: Slug,
+    out_dir: Annotated[Path, typer.Option("--out", help="Folder to write to.")],
+    format: Annotated[str, typer.Option(help="csv")] = "csv",  # noqa: A002 - the option's name
+    mode: Annotated[
+        list[Mode] | None, typer.Option(help="Which sessions count; may be repeated.")
+    ] = None,
+    table: Annotated[
+        list[str] | None, typer.Option(help="Only these tables; identities only so.")
+    ] = None,
+    data_dir: DataDir = None,
+) -> None:
+    """Write a study's tables into a folder."""
+    from app.services.export import TABLES, ZIPPED, Request, csv_stream
+
+    if format != "csv":
+        raise ServiceError(f"expected --format csv, got {format!r}")
+    unknown = [name for name in table or [] if name not in TABLES]
+    if unknown:
+        raise ServiceError(f"expected tables among {', '.join(TABLES)}, got {unknown[0]!r}")
+    studio = studio_of(data_dir)
+    request = Request(studies.find(studio, slug), tuple(mode or [Mode.live]))
+    out_dir.mkdir(parents=True, exist_ok=True)
+    for chosen in [TABLES[name] for name in table] if table else ZIPPED:
+        path = out_dir / f"{chosen.name}.csv"
+        part = path.with_suffix(".part")
+        with part.open("wb") as file:
+            file.writelines(csv_stream(studio, chosen, request))
+        part.replace(path)
+        out.print(str(path))
+
+
+@app.command()
+def simulate(
+    slug: Slug,
+    sessions: Annotated[int, typer.Option(min=1, max=10_000, help="How many sessions.")] = 1,
+    evaluator: Annotated[EvaluatorKind, typer.Option(help="Who answers.")] = EvaluatorKind.certain,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the uncertain evaluator.")] = 0,
+    data_dir: DataDir = None,
+) -> None:
+    """Let simulated evaluators walk through an open study; their data is marked as simulated."""
+    from app.simulation import run
+
+    done = run(settings_of(data_dir), slug, sessions, evaluator.value, seed)
+    out.print(f"{done} simulated sessions of {slug} were completed.")
+
+
+@media_app.command("render")
+def media_render(
+    environment: Annotated[
+        CraneEnvironment | None, typer.Option(help="Only this one; default: both.")
+    ] = None,
+    jobs: Annotated[int, typer.Option(min=1, max=64, help="Processes at work.")] = 2,
+    media_dir: Annotated[
+        Path | None, typer.Option(help="[env: PBPO_MEDIA_DIR; default: media]", show_default=False)
+    ] = None,
+) -> None:
+    """Render the crane's recordings ahead. Interrupted, it goes on where it was."""
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
+
+    from app.crane.rendering_jobs import render_all
+
+    target = media_dir or Settings().media_dir
+    columns = (BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress("rendering", *columns, console=out) as progress:
+        task = progress.add_task("")
+        render_all(
+            environment and environment.value,
+            target,
+            jobs,
+            lambda done, total: progress.update(task, completed=done, total=total),
+        )
+    out.print(f"All recordings are in {target}.")
+
+
+@app.command()
+def replay(slug: Slug, data_dir: DataDir = None) -> None:
+    """Work every trial out again from what is stored; exit 1 if any query comes out otherwise."""
+    from app.services.replay import replay as replay_study
+
+    different = queries = trials = 0
+    for trial in replay_study(studio_of(data_dir), slug):
+        trials += 1
+        queries += trial.queries
+        different += len(trial.differences)
+        for difference in trial.differences:
+            out.print(
+                f"{trial.session_id} trial {trial.trial_index} ({trial.condition}) query "
+                f"{difference.query_index}: stored {difference.stored}, "
+                f"proposed {difference.proposed}"
+            )
+    out.print(f"{trials} trials, {queries} queries replayed; {different} came out otherwise.")
+    raise Exit(1 if different else 0)

@@ -1,0 +1,1 @@
+"""Experiments without people: simulated evaluators, and what they show of the methods."""

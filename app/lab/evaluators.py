@@ -1,0 +1,54 @@
+"""Evaluators who answer from the score g of the two runs they are shown (paper section VI)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, Protocol
+
+import numpy as np
+
+Response = Literal["left", "right", "skip"]
+
+#: Steepness of the uncertain evaluator's choice, per unit of g (paper section VI-A, eta).
+ETA = 0.08
+
+
+class Evaluator(Protocol):
+    """Answers one query from the scores of the two runs shown."""
+
+    def respond(self, left: float, right: float, *, may_skip: bool) -> Response: ...
+
+
+@dataclass(frozen=True)
+class Certain:
+    """Chooses the better run, the left one of two equals; skips when both lie below a threshold.
+
+    The paper does not say when a simulated evaluator skips. Ours does when both scores lie below
+    `skip_below`: the mean of g over W in our experiments. None: never.
+    """
+
+    skip_below: float | None = None
+
+    def respond(self, left: float, right: float, *, may_skip: bool) -> Response:
+        if may_skip and _both_bad(left, right, self.skip_below):
+            return "skip"
+        return "left" if left >= right else "right"
+
+
+@dataclass(frozen=True)
+class Uncertain:
+    """Chooses the left run with the probability of Bradley and Terry: sigmoid(eta (g0 - g1))."""
+
+    rng: np.random.Generator
+    skip_below: float | None = None
+    eta: float = ETA
+
+    def respond(self, left: float, right: float, *, may_skip: bool) -> Response:
+        if may_skip and _both_bad(left, right, self.skip_below):
+            return "skip"
+        probability = 1 / (1 + np.exp(-self.eta * (left - right)))
+        return "left" if self.rng.random() < probability else "right"
+
+
+def _both_bad(left: float, right: float, threshold: float | None) -> bool:
+    return threshold is not None and left < threshold and right < threshold

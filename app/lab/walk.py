@@ -1,0 +1,69 @@
+"""A simulated evaluator walks a whole session through the API, as a browser would."""
+
+from __future__ import annotations
+
+from collections.abc import Awaitable, Callable, Mapping
+from typing import Any
+
+import httpx
+
+from .evaluators import Evaluator
+
+State = dict[str, Any]
+
+#: What a simulated evaluator says that it took to answer, in milliseconds.
+RT_MS = 12_000.0
+
+
+async def walk(
+    client: httpx.AsyncClient,
+    slug: str,
+    evaluator: Evaluator,
+    scores: Mapping[str, float],
+    *,
+    mode: str,
+    api_token: str,
+    wait: Callable[[float], Awaitable[None]],
+    answered: Callable[[], None] = lambda: None,
+) -> State:
+    """From arrival to completion; the state in the end.
+
+    scores: g of a recording by its address. wait: lets that many seconds pass. Raises
+    httpx.HTTPStatusError for any answer that is not a success.
+    """
+    started = await _call(
+        client, "POST", f"/api/v1/studies/{slug}/sessions", api_token, {"mode": mode}
+    )
+    token, state = started["token"], started["session"]
+    while state["stage"] not in ("completed", "withdrawn", "declined"):
+        match state["stage"]:
+            case "consent":
+                body: State | None = {"version": state["consent"]["version"]}
+                path = "consent"
+            case "query":
+                query = state["query"]
+                left, right = scores[query["left"]["url"]], scores[query["right"]["url"]]
+                response = evaluator.respond(left, right, may_skip=query["skip"] is not None)
+                body = {"query_id": query["id"], "response": response, "rt_ms": RT_MS}
+                path = "responses"
+                await wait(RT_MS / 1000)
+                answered()
+            case "break":
+                await wait(state["break"]["seconds_left"])
+                body, path = None, "continue"
+            case _:
+                body, path = None, "continue"
+        state = await _call(client, "POST", f"/api/v1/session/{path}", token, body)
+    final: State = state
+    return final
+
+
+async def _call(
+    client: httpx.AsyncClient, method: str, path: str, token: str, body: State | None
+) -> State:
+    response = await client.request(
+        method, path, json=body, headers={"Authorization": f"Bearer {token}"}
+    )
+    response.raise_for_status()
+    answer: State = response.json()
+    return answer

@@ -1,0 +1,54 @@
+"""Serving: a socket of our own, so that a taken port is said in a sentence, and uvicorn on it."""
+
+from __future__ import annotations
+
+import socket as sockets
+from collections.abc import Callable
+from typing import Any
+
+import uvicorn
+
+from app.main import create_app
+from app.services.errors import ConflictError
+from app.services.studio import Studio
+
+
+def listen(host: str, port: int) -> sockets.socket:
+    """A listening socket; port 0 takes a free one. Raises ConflictError if the port is taken."""
+    family = sockets.AF_INET6 if ":" in host else sockets.AF_INET
+    socket = sockets.socket(family, sockets.SOCK_STREAM)
+    # A server that was just killed leaves its port waiting: a restart need not.
+    socket.setsockopt(sockets.SOL_SOCKET, sockets.SO_REUSEADDR, 1)
+    try:
+        socket.bind((host, port))
+        # Bound but not listening, two servers could both begin; the second is told at once.
+        socket.listen(2048)
+    except OSError as error:
+        socket.close()
+        raise ConflictError(
+            f"expected a free port, and {host}:{port} cannot be had: {error.strerror}"
+        ) from None
+    return socket
+
+
+class _Server(uvicorn.Server):
+    def __init__(self, config: uvicorn.Config, ready: Callable[[], None]) -> None:
+        super().__init__(config)
+        self._ready = ready
+
+    async def startup(self, *args: Any, **kwargs: Any) -> None:
+        await super().startup(*args, **kwargs)
+        if self.started:
+            self._ready()
+
+
+def serve_app(studio: Studio, socket: sockets.socket, ready: Callable[[], None]) -> None:
+    """Serve until a signal says stop; `ready` is called once requests are answered."""
+    app = create_app(studio=studio)
+    config = uvicorn.Config(
+        app, log_level="warning", access_log=False, timeout_graceful_shutdown=10
+    )
+    try:
+        _Server(config, ready).run(sockets=[socket])
+    finally:
+        studio.close()

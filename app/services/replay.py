@@ -1,0 +1,79 @@
+"""A study's trials worked out again from what was stored: does every query come out alike?"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from sqlalchemy import select
+from sqlalchemy.orm import selectinload
+
+from app.storage.tables import QueryRow, SessionRow, Trial
+
+from . import studies
+from .proposals import work_out
+from .state import history_of, trial_in_hand
+from .studio import Studio
+
+
+@dataclass(frozen=True)
+class Difference:
+    """A stored query that the optimiser would not propose today."""
+
+    query_index: int
+    stored: tuple[int, int, int, int]
+    proposed: tuple[int, int, int, int]
+
+
+@dataclass(frozen=True)
+class Replayed:
+    """One trial, replayed."""
+
+    session_id: str
+    trial_index: int
+    condition: str
+    queries: int
+    differences: tuple[Difference, ...]
+
+
+def replay(studio: Studio, slug: str) -> Iterator[Replayed]:
+    """Replay every trial of a study, query by query, from candidates, history and seed alone."""
+    study = studies.find(studio, slug)
+    with studio.database.read() as session:
+        trials = session.scalars(
+            select(Trial)
+            .join(SessionRow, Trial.session_id == SessionRow.id)
+            .where(SessionRow.study_id == study.id)
+            .order_by(SessionRow.id, Trial.trial_index)
+            .options(selectinload(Trial.queries).selectinload(QueryRow.response))
+        )
+        for trial in trials:
+            yield Replayed(
+                session_id=trial.session.public_id,
+                trial_index=trial.trial_index,
+                condition=trial.condition,
+                queries=len(trial.queries),
+                differences=tuple(_differences(studio, trial)),
+            )
+
+
+def _differences(studio: Studio, trial: Trial) -> Iterator[Difference]:
+    in_hand = trial_in_hand(trial.session, trial.trial_index, trial.seed)
+    space = studio.proposer.space(in_hand.study_id, in_hand.environment)
+    for index, query in enumerate(trial.queries):
+        following = work_out(space, in_hand, history_of(trial.queries[:index])).next
+        assert following is not None
+        stored = (
+            query.left_candidate,
+            query.right_candidate,
+            query.left_recording_id,
+            query.right_recording_id,
+        )
+        proposed = (
+            following.left_candidate,
+            following.right_candidate,
+            following.left.id,
+            following.right.id,
+        )
+        if stored != proposed:
+            yield Difference(index, stored, proposed)

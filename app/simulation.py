@@ -1,0 +1,108 @@
+"""Simulated evaluators through the real application, without waiting for their breaks."""
+
+from __future__ import annotations
+
+import asyncio
+from concurrent.futures import Future
+from datetime import datetime, timedelta
+from typing import Any
+
+import httpx
+import numpy as np
+from rich.progress import track
+from sqlalchemy import select
+
+from app.lab.evaluators import Certain, Evaluator, Uncertain
+from app.lab.walk import walk
+from app.main import create_app
+from app.services import accounts, studies
+from app.services.background import Background
+from app.services.errors import ConflictError, NotFoundError
+from app.services.settings import Settings
+from app.services.state import video_url
+from app.services.studio import Studio, open_studio, utc_now
+from app.services.tokens import new_secret
+from app.storage.tables import Candidate, Recording
+
+#: The account that simulated sessions are started by; its password is thrown away.
+EMAIL = "simulation@pbpo.example"
+
+
+class SkippedClock:
+    """The time of day plus what simulated evaluators would have waited."""
+
+    def __init__(self) -> None:
+        self._ahead = timedelta()
+
+    def now(self) -> datetime:
+        return utc_now() + self._ahead
+
+    async def wait(self, seconds: float) -> None:
+        self._ahead += timedelta(seconds=seconds)
+
+    def back_to_today(self) -> None:
+        self._ahead = timedelta()
+
+
+class NothingAhead(Background):
+    """No work ahead and no videos: a simulated evaluator does not watch, and need not wait."""
+
+    def _once(self, *_args: Any, **_options: Any) -> Future[Any]:
+        return Future()
+
+
+def run(settings: Settings, slug: str, sessions: int, kind: str, seed: int) -> int:
+    """Walk `sessions` simulated evaluators through a study; how many completed it."""
+    clock = SkippedClock()
+    studio = open_studio(settings, now=clock.now, background=NothingAhead(1))
+    try:
+        return asyncio.run(_run(studio, clock, slug, sessions, kind, seed))
+    finally:
+        studio.close()
+
+
+async def _run(
+    studio: Studio, clock: SkippedClock, slug: str, sessions: int, kind: str, seed: int
+) -> int:
+    scores = scores_by_url(studio, slug)
+    skip_below = float(np.mean(list(scores.values())))
+    token = _token(studio)
+    transport = httpx.ASGITransport(create_app(studio=studio))
+    completed = 0
+    async with httpx.AsyncClient(transport=transport, base_url="http://simulation") as client:
+        for index in track(range(sessions), "simulating", transient=True):
+            clock.back_to_today()
+            rng = np.random.default_rng([seed, index])
+            evaluator: Evaluator = (
+                Certain(skip_below) if kind == "certain" else Uncertain(rng, skip_below)
+            )
+            state = await walk(
+                client, slug, evaluator, scores, mode="simulated", api_token=token, wait=clock.wait
+            )
+            completed += state["stage"] == "completed"
+    return completed
+
+
+def scores_by_url(studio: Studio, slug: str) -> dict[str, float]:
+    """Score of each recording of a study by its address. Raises ConflictError if one has none."""
+    study = studies.find(studio, slug)
+    with studio.database.read() as session:
+        rows = session.execute(
+            select(Recording.public_id, Recording.score)
+            .join(Candidate, Recording.candidate_id == Candidate.id)
+            .where(Candidate.study_id == study.id)
+        ).all()
+    scores = {video_url(public_id): score for public_id, score in rows if score is not None}
+    if len(scores) < len(rows):
+        raise ConflictError(
+            "expected a score for every recording, since simulated evaluators answer from them"
+        )
+    return scores
+
+
+def _token(studio: Studio) -> str:
+    try:
+        experimenter = accounts.find(studio, EMAIL)
+    except NotFoundError:
+        experimenter = accounts.create(studio, EMAIL, new_secret())
+    return accounts.create_api_token(studio, experimenter, "simulation")

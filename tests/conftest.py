@@ -1,0 +1,115 @@
+"""What tests of several rooms share: a study of one's own, and the time of day in hand."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Hashable, Iterator
+from concurrent.futures import Future
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import Any, TypeVar
+
+import pytest
+
+from app.services import studies
+from app.services.background import Background
+from app.services.settings import Settings
+from app.services.studio import Studio, open_studio
+
+T = TypeVar("T")
+
+STARTED = datetime(2026, 3, 1, 9, 0, tzinfo=UTC)
+
+
+class Clock:
+    """A clock that stands still until it is told to go on."""
+
+    def __init__(self) -> None:
+        self.time = STARTED
+
+    def now(self) -> datetime:
+        return self.time
+
+    def forward(self, seconds: float) -> None:
+        self.time += timedelta(seconds=seconds)
+
+
+@pytest.fixture
+def clock() -> Clock:
+    return Clock()
+
+
+@pytest.fixture
+def settings(tmp_path: Path, media_dir: Path) -> Settings:
+    return Settings(data_dir=tmp_path / "data", media_dir=media_dir)
+
+
+@pytest.fixture(scope="session")
+def media_dir(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Rendered recordings, shared by all tests of a run (and by runs, where one is named)."""
+    return Path(os.environ.get("PBPO_TEST_MEDIA_DIR") or tmp_path_factory.mktemp("media"))
+
+
+class NoRendering(Background):
+    """Background work that renders nothing: videos asked for never come."""
+
+    def in_process(self, key: Hashable, function: Callable[..., T], *args: Any) -> Future[T]:
+        return Future()
+
+
+@pytest.fixture
+def studio(settings: Settings, clock: Clock) -> Iterator[Studio]:
+    """A studio with nothing in it, which renders no videos."""
+    studio = open_studio(settings, now=clock.now, background=NoRendering(1))
+    yield studio
+    studio.close()
+
+
+SHORT_PLAN = """
+version: 1
+slug: short
+title: {en: A short study}
+languages: [en]
+parameters:
+  - {name: w0, label: Opening time, unit: s}
+  - {name: w1, label: Closing time, unit: s}
+environments:
+  env1: {label: Clumps, source: crane}
+conditions:
+  - name: pbpo
+    method: pbpo
+    environment: env1
+    skip: {label: {en: I don't like either.}}
+    settings: {preset: paper-env1}
+  - name: no-synthesis
+    method: pbpo-no-synthesis
+    environment: env1
+    skip: {label: {en: It's hard to choose.}}
+    settings: {preset: paper-env1}
+  - name: no-skip
+    method: pbpo-no-skip
+    environment: env1
+    settings: {preset: paper-env1}
+trials_per_condition: 1
+queries_per_trial: 4
+break_s: 120
+familiarisation: {videos: 2, required: 0}
+"""
+
+
+def write_study(folder: Path, plan: str = SHORT_PLAN) -> Path:
+    """A study folder with this plan and short texts."""
+    texts = folder / "texts" / "en"
+    texts.mkdir(parents=True)
+    (folder / "study.yaml").write_text(plan, encoding="utf-8")
+    (texts / "consent.md").write_text("You choose between videos. You may stop at any time.\n")
+    (texts / "instructions.md").write_text("Choose the video in which waste falls evenly.\n")
+    (texts / "debrief.md").write_text("Your choices taught an optimiser. Thank you.\n")
+    return folder
+
+
+@pytest.fixture
+def short_study(studio: Studio, tmp_path: Path) -> studies.StudyInfo:
+    """An open study on the crane: three conditions, one trial of four queries each."""
+    studies.create(studio, studies.load_folder(str(write_study(tmp_path / "short"))))
+    return studies.open_study(studio, "short")

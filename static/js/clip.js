@@ -209,7 +209,7 @@ export class Clip {
   #shape() {
     const { videoWidth: width, videoHeight: height } = this.video;
     if (width > 0 && height > 0) {
-      const frame = this.player.parentElement ?? this.player;
+      const frame = this.player.closest("main") ?? this.player;
       frame.style.setProperty("--aspect", `${width} / ${height}`);
       frame.style.setProperty("--aspect-number", String(width / height));
     }

@@ -4,8 +4,8 @@
 
 import { focusHeading } from "./dom.js";
 
-// A page that has an error to read out keeps the focus where the browser puts it.
-if (!document.querySelector('[role="alert"]')) {
+// A page that says where to begin, or has an error to read out, keeps the focus where the browser puts it.
+if (!document.querySelector('[autofocus], [role="alert"]')) {
   focusHeading();
 }
 

@@ -50,7 +50,7 @@ def create_app(settings: Settings | None = None, *, studio: Studio | None = None
     )
     app.state.studio = opened
     problems.install(app)
-    app.middleware("http")(security.guard)
+    app.add_middleware(security.Guard)
     app.add_exception_handler(experimenter_pages.ToSignIn, _to_sign_in)
     app.mount("/static", KeptStaticFiles(directory=STATIC), name="static")
     for module in (api, exports, media, participant_pages, experimenter_pages):

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Callable, Hashable
 from concurrent.futures import Future
 from datetime import datetime, timedelta
-from typing import Any
+from typing import Any, TypeVar
 
 import httpx
 import numpy as np
@@ -23,6 +24,8 @@ from app.services.state import video_url
 from app.services.studio import Studio, open_studio, utc_now
 from app.services.tokens import new_secret
 from app.storage.tables import Candidate, Recording
+
+T = TypeVar("T")
 
 #: The account that simulated sessions are started by; its password is thrown away.
 EMAIL = "simulation@pbpo.example"
@@ -47,7 +50,12 @@ class SkippedClock:
 class NothingAhead(Background):
     """No work ahead and no videos: a simulated evaluator does not watch, and need not wait."""
 
-    def _once(self, *_args: Any, **_options: Any) -> Future[Any]:
+    def in_thread(self, key: Hashable, function: Callable[..., T], *args: Any) -> Future[T]:
+        return Future()
+
+    def in_process(
+        self, key: Hashable, function: Callable[..., T], *args: Any, urgent: bool = False
+    ) -> Future[T]:
         return Future()
 
 

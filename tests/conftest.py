@@ -53,7 +53,9 @@ def media_dir(tmp_path_factory: pytest.TempPathFactory) -> Path:
 class NoRendering(Background):
     """Background work that renders nothing: videos asked for never come."""
 
-    def in_process(self, key: Hashable, function: Callable[..., T], *args: Any) -> Future[T]:
+    def in_process(
+        self, key: Hashable, function: Callable[..., T], *args: Any, urgent: bool = False
+    ) -> Future[T]:
         return Future()
 
 

@@ -11,14 +11,16 @@ import logging
 import multiprocessing
 import os
 import threading
+from collections import OrderedDict
 from collections.abc import Callable, Hashable
-from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures import CancelledError, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from functools import partial
 from typing import Any, TypeVar
 
-T = TypeVar("T")
-
 log = logging.getLogger(__name__)
+
+T = TypeVar("T")
 
 
 def _end_with_parent() -> None:
@@ -38,61 +40,113 @@ def _end_with_parent() -> None:
 class Background:
     """Runs functions elsewhere, each key at most once at a time."""
 
-    def __init__(self, render_jobs: int) -> None:
-        self._render_jobs = render_jobs
+    def __init__(self, processes: int) -> None:
+        self._ahead = ThreadPoolExecutor(1, thread_name_prefix="work-ahead")
+        self._processes = _Processes(processes)
         self._lock = threading.Lock()
         self._under_way: dict[Hashable, Future[Any]] = {}
-        self._threads = ThreadPoolExecutor(1, thread_name_prefix="work-ahead")
-        self._processes: ProcessPoolExecutor | None = None
-        self._closed = False
 
     def in_thread(self, key: Hashable, function: Callable[..., T], *args: Any) -> Future[T]:
         """Run `function(*args)` in the thread that works ahead."""
-        return self._once(key, self._threads, function, *args)
+        with self._lock:
+            if (future := self._under_way.get(key)) is not None:
+                return future
+            future = self._under_way[key] = self._ahead.submit(function, *args)
+        future.add_done_callback(partial(self._done, key))
+        return future
 
-    def in_process(self, key: Hashable, function: Callable[..., T], *args: Any) -> Future[T]:
-        """Run `function(*args)`, both picklable, in a process of its own."""
-        try:
-            return self._once(key, self._pool(), function, *args)
-        except BrokenProcessPool:
-            # A worker was killed (out of memory, say). The next one starts afresh.
-            with self._lock:
-                self._processes = None
-            return self._once(key, self._pool(), function, *args)
+    def in_process(
+        self, key: Hashable, function: Callable[..., T], *args: Any, urgent: bool = False
+    ) -> Future[T]:
+        """Run `function(*args)`, both picklable, in a process of its own.
+
+        What is urgent, because somebody waits for it, overtakes all that is not.
+        """
+        return self._processes.submit(key, partial(function, *args), urgent=urgent)
 
     def close(self) -> None:
         """Finish what is being done, drop what has not begun."""
-        self._closed = True
-        self._threads.shutdown(wait=True, cancel_futures=True)
-        if self._processes is not None:
-            self._processes.shutdown(wait=True, cancel_futures=True)
+        self._ahead.shutdown(wait=True, cancel_futures=True)
+        self._processes.close()
 
-    def _pool(self) -> ProcessPoolExecutor:
+    def _done(self, key: Hashable, finished: Future[Any]) -> None:
         with self._lock:
-            if self._processes is None:
-                self._processes = ProcessPoolExecutor(
-                    self._render_jobs,
-                    # A fork would copy the server's locks in whatever state they are.
-                    mp_context=multiprocessing.get_context("spawn"),
-                    initializer=_end_with_parent,
-                )
-            return self._processes
+            self._under_way.pop(key, None)
+        _log_fault(key, finished)
 
-    def _once(
-        self, key: Hashable, executor: Executor, function: Callable[..., T], *args: Any
-    ) -> Future[T]:
+
+class _Processes:
+    """A pool of processes with a queue that the urgent may jump: the pool's own has no order."""
+
+    def __init__(self, number: int) -> None:
+        self._number = number
+        self._lock = threading.Lock()
+        self._waiting: OrderedDict[Hashable, tuple[Callable[[], Any], Future[Any]]] = OrderedDict()
+        self._running: dict[Hashable, Future[Any]] = {}
+        self._pool: ProcessPoolExecutor | None = None
+        self._closed = False
+
+    def submit(self, key: Hashable, work: Callable[[], T], *, urgent: bool) -> Future[T]:
         with self._lock:
-            future = self._under_way.get(key)
-            if future is not None:
-                return future
-            future = executor.submit(function, *args)
-            self._under_way[key] = future
-
-        def done(finished: Future[T]) -> None:
-            with self._lock:
-                self._under_way.pop(key, None)
-            if not finished.cancelled() and (error := finished.exception()) is not None:
-                log.error("background work %r failed", key, exc_info=error)
-
-        future.add_done_callback(done)
+            if (running := self._running.get(key)) is not None:
+                return running
+            _, future = self._waiting.setdefault(key, (work, Future()))
+            if urgent:
+                self._waiting.move_to_end(key, last=False)
+        self._start_waiting()
         return future
+
+    def close(self) -> None:
+        with self._lock:
+            self._closed = True
+            dropped = list(self._waiting.values())
+            self._waiting.clear()
+            pool, self._pool = self._pool, None
+        for _, future in dropped:
+            future.cancel()
+        if pool is not None:
+            pool.shutdown(wait=True, cancel_futures=True)
+
+    def _start_waiting(self) -> None:
+        while True:
+            with self._lock:
+                if self._closed or not self._waiting or len(self._running) >= self._number:
+                    return
+                key, (work, future) = self._waiting.popitem(last=False)
+                if not future.set_running_or_notify_cancel():
+                    continue
+                self._running[key] = future
+                try:
+                    inner = self._open_pool().submit(work)
+                except BrokenProcessPool:
+                    # A worker was killed, for want of memory say: the next ones start afresh.
+                    self._pool = None
+                    inner = self._open_pool().submit(work)
+            inner.add_done_callback(partial(self._done, key, future))
+
+    def _open_pool(self) -> ProcessPoolExecutor:
+        if self._pool is None:
+            self._pool = ProcessPoolExecutor(
+                self._number,
+                # A fork would copy the server's locks in whatever state they are.
+                mp_context=multiprocessing.get_context("spawn"),
+                initializer=_end_with_parent,
+            )
+        return self._pool
+
+    def _done(self, key: Hashable, future: Future[Any], inner: Future[Any]) -> None:
+        with self._lock:
+            self._running.pop(key, None)
+        if inner.cancelled():
+            future.set_exception(CancelledError())
+        elif (error := inner.exception()) is not None:
+            future.set_exception(error)
+        else:
+            future.set_result(inner.result())
+        _log_fault(key, inner)
+        self._start_waiting()
+
+
+def _log_fault(key: Hashable, finished: Future[Any]) -> None:
+    if not finished.cancelled() and (error := finished.exception()) is not None:
+        log.error("background work %r failed", key, exc_info=error)

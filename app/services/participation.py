@@ -81,7 +81,8 @@ def consent(studio: Studio, token: str, version: str) -> State:
         row.consent_version = version
         row.consented_at = studio.now()
         state = session_state.describe(studio, session, row)
-        coming = session_state.familiarisation_clips(studio, row)
+        first = _first_query(studio, row)
+        coming = [first.left, first.right, *session_state.familiarisation_clips(studio, row)]
     studio.proposer.render(coming)
     return state
 
@@ -129,6 +130,10 @@ def respond(studio: Studio, token: str, answer: Answer) -> State:
             if row.stage == Stage.QUERY:
                 _begin_trial(studio, session, row)
         session.flush()
+        if row.stage == Stage.BREAK:
+            # Whoever comes back from the break finds the first pair made.
+            first = _first_query(studio, row)
+            studio.proposer.render([first.left, first.right])
         return session_state.describe(studio, session, row)
 
 
@@ -170,25 +175,35 @@ def _advance(studio: Studio, row: SessionRow, event: protocol.Event) -> None:
 
 def _begin_trial(studio: Studio, session: Session, row: SessionRow) -> None:
     """Store the trial that the session has come to, with its first query."""
-    sequence = np.random.SeedSequence([row.seed, row.trial_index])
-    seed = int(sequence.generate_state(1, np.uint64)[0] >> np.uint64(16))  # 48 bits
-    in_hand = session_state.trial_in_hand(row, row.trial_index, seed)
+    first = _first_query(studio, row)
     condition = studies.stored_plan(row.plan).conditions[row.trial_conditions[row.trial_index]]
-    first = studio.proposer.step(in_hand, ()).next
-    assert first is not None
     now = studio.now()
     trial = Trial(
         trial_index=row.trial_index,
         condition=condition.name,
         method=condition.method,
         environment=condition.environment,
-        seed=seed,
+        seed=_trial_seed(row),
         started_at=now,
         queries=[_query_row(first, now)],
     )
     row.trials.append(trial)
     session.flush()
     studio.proposer.render([first.left, first.right])
+
+
+def _trial_seed(row: SessionRow) -> int:
+    """Seed of the trial that the session is in, or comes to next: 48 bits."""
+    sequence = np.random.SeedSequence([row.seed, row.trial_index])
+    return int(sequence.generate_state(1, np.uint64)[0] >> np.uint64(16))
+
+
+def _first_query(studio: Studio, row: SessionRow) -> NextQuery:
+    """The first query of that trial: drawn at random, with no model to fit."""
+    in_hand = session_state.trial_in_hand(row, row.trial_index, _trial_seed(row))
+    first = studio.proposer.step(in_hand, ()).next
+    assert first is not None
+    return first
 
 
 def _query_row(following: NextQuery, now: datetime) -> QueryRow:

@@ -69,7 +69,7 @@ class Recordings:
         )
         return path if path.is_file() else None
 
-    def ensure(self, source: Source) -> Future[Path]:
+    def ensure(self, source: Source, *, urgent: bool = True) -> Future[Path]:
         """A future of the recording's file; a missing one is rendered in a process of its own.
 
         Raises NotFoundError, at once, if a study's own file has gone.
@@ -86,12 +86,13 @@ class Recordings:
             library.ensure_video,
             *_crane_run(source.locator),
             self._media_dir,
+            urgent=urgent,
         )
 
     def make_soon(self, source: Source) -> None:
         """Begin to make a video that will be asked for; a fault shows when it is."""
         if source.source == CRANE and self.ready_path(source) is None:
-            self.ensure(source)
+            self.ensure(source, urgent=False)
 
     def keep_file(self, video: Path, sha256: str) -> str:
         """Copy a study's own video into the data folder under its content's name: its locator."""

@@ -28,7 +28,8 @@ async def recording(public_id: str, request: Request, studio: StudioDep) -> Resp
     etag = f'"{public_id}"'
     if request.headers.get("if-none-match") == etag:
         return Response(status_code=304, headers={"ETag": etag, "Cache-Control": _CACHE})
-    path = await asyncio.wrap_future(studio.recordings.ensure(source))
+    # Shielded: one browser that goes away must not stop a video that others wait for.
+    path = await asyncio.shield(asyncio.wrap_future(studio.recordings.ensure(source)))
     return FileResponse(
         path, media_type="video/mp4", headers={"Cache-Control": _CACHE, "ETag": etag}
     )

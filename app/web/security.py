@@ -5,11 +5,12 @@ from __future__ import annotations
 import hashlib
 import hmac
 import secrets
-from collections.abc import Awaitable, Callable
 from typing import Annotated
 
 from fastapi import Depends, Header, Request
 from fastapi.responses import Response
+from starlette.datastructures import Headers, MutableHeaders
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from app.services import accounts
 from app.services.accounts import Experimenter
@@ -143,17 +144,37 @@ def new_form_secret() -> str:
     return secrets.token_urlsafe(16)
 
 
-async def guard(request: Request, call_next: Callable[[Request], Awaitable[Response]]) -> Response:
-    """Refuse forms sent by other sites; tell browsers how little our pages need."""
-    site = request.headers.get("sec-fetch-site", "same-origin")
-    if request.method not in _SAFE_METHODS and site == "cross-site":
-        return Response("This request came from another site.", 403, media_type="text/plain")
-    response = await call_next(request)
-    headers = response.headers
-    # The API's own documentation page is the one page with scripts from elsewhere: it is off.
-    headers.setdefault("Content-Security-Policy", CONTENT_SECURITY_POLICY)
-    headers.setdefault("X-Content-Type-Options", "nosniff")
-    headers.setdefault("Referrer-Policy", "same-origin")
-    headers.setdefault("Cross-Origin-Opener-Policy", "same-origin")
-    headers.setdefault("Permissions-Policy", "camera=(), microphone=(), geolocation=()")
-    return response
+#: What every response says unless its route says otherwise.
+_HEADERS = (
+    ("Content-Security-Policy", CONTENT_SECURITY_POLICY),
+    ("X-Content-Type-Options", "nosniff"),
+    ("Referrer-Policy", "same-origin"),
+    ("Cross-Origin-Opener-Policy", "same-origin"),
+    ("Permissions-Policy", "camera=(), microphone=(), geolocation=()"),
+)
+
+
+class Guard:
+    """Refuses forms sent by other sites, and tells browsers how little our pages need."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self._app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+            return
+        site = Headers(scope=scope).get("sec-fetch-site", "same-origin")
+        if scope["method"] not in _SAFE_METHODS and site == "cross-site":
+            refusal = Response("This request came from another site.", 403, media_type="text/plain")
+            await refusal(scope, receive, send)
+            return
+
+        async def send_with_headers(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                headers = MutableHeaders(scope=message)
+                for name, value in _HEADERS:
+                    headers.setdefault(name, value)
+            await send(message)
+
+        await self._app(scope, receive, send_with_headers)

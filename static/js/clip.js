@@ -7,7 +7,7 @@
  *   onReady: (clip: Clip) => void,
  *   onStalled: (clip: Clip) => void,
  *   onFailed: (clip: Clip) => void,
- *   onHesitating: (clip: Clip) => void,
+ *   onHesitating: () => void,
  *   onEvent: (event: string, clip: Clip) => void,
  * }} ClipListener
  */
@@ -155,12 +155,17 @@ export class Clip {
     }, STALL_MS);
   }
 
-  /** The browser stopped loading before there is enough to play: it may want a press first (phones saving data). */
+  /** The browser stopped loading and still has too little to play: it may want a press first (phones saving data). */
   #hesitate() {
-    if (this.state === "loading" && this.video.readyState < HTMLMediaElement.HAVE_FUTURE_DATA) {
-      clearTimeout(this.#watchdog);
-      this.listener.onHesitating(this);
-    }
+    const turn = this.#turn;
+    setTimeout(() => {
+      const { readyState, networkState } = this.video;
+      const idle = networkState === HTMLMediaElement.NETWORK_IDLE && readyState < HTMLMediaElement.HAVE_FUTURE_DATA;
+      if (turn === this.#turn && this.state === "loading" && idle) {
+        clearTimeout(this.#watchdog);
+        this.listener.onHesitating();
+      }
+    }, PATIENCE_MS);
   }
 
   /** Start counting the silence anew. */

@@ -4,7 +4,7 @@
  * @typedef {{
  *   onFirstPlaying: (at: number) => void,
  *   onNeedsPress: () => void,
- *   onStarting: () => void,
+ *   onNoPressNeeded: () => void,
  *   onEvent: (event: string, side: string | null, value?: number | null) => void,
  * }} PairListener
  */
@@ -122,6 +122,9 @@ export class Pair {
   /** @param {"held" | "loading"} phase */
   #hold(phase) {
     if (phase === "loading" || this.phase === "playing") {
+      if (this.phase === "press") {
+        this.listener.onNoPressNeeded(); // it would not help now
+      }
       this.#turn += 1;
       clearTimeout(this.#rest);
       this.phase = phase;
@@ -130,7 +133,7 @@ export class Pair {
   }
 
   #needPress() {
-    if (this.phase === "loading") {
+    if (this.phase === "loading" && this.clips.every((clip) => clip.state !== "failed")) {
       this.phase = "press";
       this.listener.onNeedsPress();
     }
@@ -142,7 +145,7 @@ export class Pair {
     clearTimeout(this.#rest);
     this.phase = "playing";
     this.#playingAt.clear();
-    this.listener.onStarting();
+    this.listener.onNoPressNeeded();
     const late = this.videos.filter((video) => video.currentTime > 0 || video.seeking);
     if (late.length === 0) {
       this.#playBoth(turn);

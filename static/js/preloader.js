@@ -1,5 +1,7 @@
 /**
  * Videos fetched ahead of time, as blobs that a player can show without asking the network.
+ *
+ * @typedef {{loading: Promise<string | null>, blobUrl: string | null, stop: AbortController}} Entry
  */
 
 /** Two requests at a time leave the line room for everything else. */
@@ -12,7 +14,7 @@ const KEPT = 12;
 const TIMEOUT_MS = 60_000;
 
 export class Preloader {
-  /** @type {Map<string, {loading: Promise<string | null>, blobUrl: string | null, stop: AbortController}>} */
+  /** @type {Map<string, Entry>} */
   #entries = new Map();
   /** @type {string[]} */
   #queue = [];
@@ -106,8 +108,9 @@ export class Preloader {
    */
   #fetch(url, cache) {
     const stop = new AbortController();
+    /** @type {Entry} */
     const entry = {
-      blobUrl: /** @type {string | null} */ (null),
+      blobUrl: null,
       stop,
       loading: fetchedBlob(url, cache, stop.signal).then((blob) => {
         if (this.#entries.get(url) !== entry) {

@@ -51,7 +51,7 @@ const pair = new Pair(within(stage, '.player[data-side="left"]'), within(stage, 
     announce("Press Play both to start the videos.");
     say();
   },
-  onStarting() {
+  onNoPressNeeded() {
     start.hidden = true;
   },
   onEvent: (event, side, value) => evidence.add(event, side, value ?? null),
@@ -286,4 +286,5 @@ window.addEventListener("pageshow", (event) => {
   }
 });
 
+byId("time-left").textContent = pace.left(state.progress);
 show();

@@ -19,9 +19,12 @@ from app.crane.picture.bucket import (
     HOIST_LEFT,
     HOIST_TOP,
     LEFT,
+    SHADOW,
+    SHADOW_OFFSET,
     TOP,
     claws,
     hoist,
+    hoist_shade,
     opening_step,
 )
 from app.crane.picture.clumps import Clumps
@@ -57,12 +60,20 @@ def frames(run: Run) -> Iterator[Image.Image]:
         waste.draw_pile(floor)
         canvas = floor.copy()
         corner = (trolley + LEFT, HINGE_Y + TOP)
+        hoist_corner = (trolley + HOIST_LEFT, HOIST_TOP)
+        _cast_shadow(canvas, hoist_corner, hoist_shade())
+        _cast_shadow(canvas, corner, room.shade)
         canvas.paste(room.behind, corner, room.behind)
         waste.draw_held(canvas, room, trolley, frame)
         waste.draw_falling(canvas, frame)
         canvas.paste(room.before, corner, room.before)
-        canvas.paste(hoist(), (trolley + HOIST_LEFT, HOIST_TOP), hoist())
+        canvas.paste(hoist(), hoist_corner, hoist())
         yield canvas
+
+
+def _cast_shadow(canvas: Image.Image, corner: tuple[int, int], shade: Image.Image) -> None:
+    place = (corner[0] + SHADOW_OFFSET[0], corner[1] + SHADOW_OFFSET[1])
+    canvas.paste((*SHADOW, 255), place, shade)
 
 
 def render(run: Run, path: Path) -> None:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from functools import cache, lru_cache
 
 import numpy as np
-from PIL import Image, ImageDraw
+from PIL import Image, ImageChops, ImageDraw, ImageFilter
 
 from app.crane.environments import FloatArray
 from app.crane.picture.stage import SUPERSAMPLE, Color
@@ -31,6 +31,10 @@ HEAP_SLOPE = 0.55
 # Openings are drawn to 1/160: the tips move 0.3 px per step, less than the eye or the codec keeps.
 OPENING_STEPS = 160
 
+SHADOW_DEPTH = 0.34  # share of the light that the crane takes from the wall
+SHADOW_OFFSET = (-9, 11)  # px; the lamps hang before the crane, above and to the right
+SHADOW: Color = (30, 34, 37)
+
 STEEL: Color = (66, 73, 80)
 STEEL_DARK: Color = (44, 49, 54)
 STEEL_LIGHT: Color = (128, 137, 144)
@@ -47,6 +51,7 @@ class Claws:
 
     behind: Image.Image  # drawn before the waste
     before: Image.Image  # drawn after the waste
+    shade: Image.Image  # how dark its shadow on the wall is, L
     tip_x: float  # half the gap at the mouth
     tip_y: float
     levels: FloatArray  # (k,) y from the mouth upward
@@ -82,14 +87,23 @@ def claws(environment: str, step: int) -> Claws:
     area = np.zeros(len(levels))
     np.cumsum(-np.diff(levels) * (half_width[1:] + half_width[:-1]), out=area[1:])
     tip_x, tip_y = _turned([TIP], angle)[0]
+    behind, before = behind.reduce(SUPERSAMPLE), before.reduce(SUPERSAMPLE)
     return Claws(
-        behind=behind.reduce(SUPERSAMPLE),
-        before=before.reduce(SUPERSAMPLE),
+        behind=behind,
+        before=before,
+        shade=shade(ImageChops.lighter(behind.getchannel("A"), before.getchannel("A"))),
         tip_x=max(float(tip_x), 0.0),
         tip_y=float(tip_y),
         levels=levels,
         half_width=half_width,
         area_below=area,
+    )
+
+
+def shade(cover: Image.Image) -> Image.Image:
+    """The soft shadow that a part casts on the wall behind it, L."""
+    return cover.point([round(value * SHADOW_DEPTH) for value in range(256)]).filter(
+        ImageFilter.BoxBlur(4)
     )
 
 
@@ -221,6 +235,7 @@ def _room(angle: float) -> tuple[FloatArray, FloatArray]:
 
 
 HOIST_LEFT, HOIST_RIGHT, HOIST_TOP, HOIST_FOOT = -46, 46, 26, 142  # frame y, x from the trolley
+TROLLEY_FOOT = 62
 
 
 @cache
@@ -271,3 +286,11 @@ def hoist() -> Image.Image:
     box(-12, 120, -10, 142, STEEL_LIGHT)
     box(8, 120, 12, 142, STEEL_DARK)
     return image.reduce(scale)
+
+
+@cache
+def hoist_shade() -> Image.Image:
+    """The hoist's shadow on the wall. L. The trolley runs on the girder, and casts none."""
+    cover = hoist().getchannel("A")
+    cover.paste(0, (0, 0, cover.width, TROLLEY_FOOT - HOIST_TOP))
+    return shade(cover)

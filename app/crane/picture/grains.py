@@ -135,25 +135,27 @@ class Grains:
         if not len(changed):
             return
         left, right = int(changed[0]), int(changed[-1]) + 1
-        height = rounded[left:right]
+        height = rounded[left:right].astype(np.float32)
+        # What slid away is drawn over too.
+        highest = max(float(height.max()), float(self._drawn[left:right].max()))
         self._drawn[left:right] = height
         thin = np.minimum(height, 3.0)
-        surface = LANDING_Y - height - (self._ragged[left:right] - 0.5) * thin
-        foot = LANDING_Y + np.minimum(height * 0.22, DEEPEST) + self._ragged[left:right] * thin
-        y = np.arange(PILE_TOP, HEIGHT)[:, None] + 0.5  # (rows, 1)
+        ragged = self._ragged[left:right].astype(np.float32)
+        surface = LANDING_Y - height - (ragged - 0.5) * thin
+        foot = LANDING_Y + np.minimum(height * 0.22, DEEPEST) + ragged * thin
+        top = max(int(LANDING_Y - highest) - 4, PILE_TOP)
+        y = np.arange(top, HEIGHT, dtype=np.float32)[:, None] + 0.5  # (rows, 1)
         depth = y - surface
         cover = np.clip(depth + 0.5, 0, 1) * np.clip(foot - y + 0.5, 0, 1)
         # Light falls on the surface; the pile darkens inward and toward its foot.
         light = 1.12 - 0.16 * np.clip(depth / 8, 0, 1) - 0.14 * np.clip(depth / 50, 0, 1)
-        light -= 0.22 * np.clip(
-            (y - foot + 7) / 7, 0, 1
-        )  # - 0.22 * np.clip((y - foot + 7) / 7, 0, 1)
+        light -= 0.22 * np.clip((y - foot + 7) / 7, 0, 1)
         shadow = 1 - 0.35 * np.clip(1 - np.abs(y - foot) / 4, 0, 1) * np.clip(height / 3, 0, 1)
-        straw = _pile_texture()[:, left:right] * light[:, :, None].astype(np.float32)
-        bare = self._floor[:, left:right] * shadow[:, :, None].astype(np.float32)
-        blend = bare + (straw - bare) * cover[:, :, None].astype(np.float32)
+        straw = _pile_texture()[top - PILE_TOP :, left:right] * light[:, :, None]
+        bare = self._floor[top - PILE_TOP :, left:right] * shadow[:, :, None]
+        blend = bare + (straw - bare) * cover[:, :, None]
         patch = np.clip(blend, 0, 255).astype(np.uint8)
-        floor.paste(Image.fromarray(patch), (left, PILE_TOP))
+        floor.paste(Image.fromarray(patch), (left, top))
 
     def draw_held(self, canvas: Image.Image, room: Claws, trolley: int, frame: int) -> None:
         """Draw the straw between the claws."""
@@ -205,9 +207,10 @@ class Grains:
         shade = self._shade[self._falling][:, None]
         fine[row, column] = shade
         fine[row, column + 1] = shade
-        parts = fine.view(np.uint8).reshape(foot - top, SUPERSAMPLE, right - left, SUPERSAMPLE, 4)
         # Empty points are all zero, so that the mean is a colour already weighted by its cover.
-        mean = parts.sum(axis=(1, 3), dtype=np.uint16) // SUPERSAMPLE**2
+        points = fine.view(np.uint8).reshape(high, wide, 4).astype(np.uint16)
+        pairs = points[0::2] + points[1::2]
+        mean = (pairs[:, 0::2] + pairs[:, 1::2]) // SUPERSAMPLE**2
         below = np.asarray(canvas.crop((left, top, right, foot)))
         keep = 255 - mean[:, :, 3:]
         patch = (mean[:, :, :3] + below[:, :, :3] * keep // 255).astype(np.uint8)

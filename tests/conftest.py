@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
+import sqlite3
 from collections.abc import Callable, Hashable, Iterator
+from contextlib import closing
 from concurrent.futures import Future
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -110,8 +112,46 @@ def write_study(folder: Path, plan: str = SHORT_PLAN) -> Path:
     return folder
 
 
+class StudyShelf:
+    """Databases that hold one open study each: made once per plan, copied wherever wanted."""
+
+    def __init__(self, folder: Path, media_dir: Path) -> None:
+        self._folder = folder
+        self._media_dir = media_dir
+        self._made: dict[str, Path] = {}
+
+    def put_into(self, studio: Studio, plan: str) -> None:
+        """Replace what the studio's database holds by the open study of this plan."""
+        with (
+            closing(sqlite3.connect(self._database(plan))) as source,
+            closing(sqlite3.connect(_file(studio.settings))) as target,
+        ):
+            source.backup(target)
+
+    def _database(self, plan: str) -> Path:
+        if plan not in self._made:
+            place = self._folder / str(len(self._made))
+            settings = Settings(data_dir=place / "data", media_dir=self._media_dir)
+            folder = studies.load_folder(str(write_study(place / "study", plan)))
+            studio = open_studio(settings, now=Clock().now, background=NoRendering(1))
+            studies.create(studio, folder)
+            studies.open_study(studio, folder.plan.slug)
+            studio.close()
+            self._made[plan] = _file(settings)
+        return self._made[plan]
+
+
+def _file(settings: Settings) -> Path:
+    return settings.data_dir / "pbpo.sqlite3"
+
+
+@pytest.fixture(scope="session")
+def study_shelf(tmp_path_factory: pytest.TempPathFactory, media_dir: Path) -> StudyShelf:
+    return StudyShelf(tmp_path_factory.mktemp("studies"), media_dir)
+
+
 @pytest.fixture
-def short_study(studio: Studio, tmp_path: Path) -> studies.StudyInfo:
+def short_study(studio: Studio, study_shelf: StudyShelf) -> studies.StudyInfo:
     """An open study on the crane: three conditions, one trial of four queries each."""
-    studies.create(studio, studies.load_folder(str(write_study(tmp_path / "short"))))
-    return studies.open_study(studio, "short")
+    study_shelf.put_into(studio, SHORT_PLAN)
+    return studies.find(studio, "short")

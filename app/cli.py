@@ -301,3 +301,7 @@ def replay(slug: Slug, data_dir: DataDir = None) -> None:
             )
     out.print(f"{trials} trials, {queries} queries replayed; {different} came out otherwise.")
     raise Exit(1 if different else 0)
+
+
+if __name__ == "__main__":
+    main()

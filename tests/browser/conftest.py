@@ -1,0 +1,90 @@
+"""A real Chromium against a real server with real videos."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import Browser, BrowserContext, Page, expect, sync_playwright
+
+from app.services import accounts, studies
+from app.services.settings import Settings
+from app.services.studio import open_studio
+from tests.conftest import SHORT_PLAN, write_study
+
+from .server import Server
+
+EMAIL = "ada@lab.example"
+PASSWORD = "correct horse battery"
+
+#: Two queries per trial and a break of two seconds: a whole session in under a minute.
+BROWSER_PLAN = SHORT_PLAN.replace("queries_per_trial: 4", "queries_per_trial: 2").replace(
+    "break_s: 120", "break_s: 2"
+)
+
+ARGUMENTS = [
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+]
+
+
+def chromium() -> str:
+    """The browser on this machine; a machine without one fails, and is told what it lacks."""
+    named = os.environ.get("PBPO_TEST_CHROMIUM")
+    names = [named] if named else ["chromium", "chromium-browser", "google-chrome"]
+    for name in names:
+        if (path := shutil.which(name)) is not None:
+            return path
+    raise FileNotFoundError(
+        f"expected one of {', '.join(names)} on the PATH (Debian: apt-get install chromium), "
+        "or its place in PBPO_TEST_CHROMIUM"
+    )
+
+
+#: A busy machine is no fault of the page: what is waited for comes, or it does not.
+PATIENCE_MS = 30_000
+expect.set_options(timeout=PATIENCE_MS)
+
+
+@pytest.fixture(scope="session")
+def browser() -> Iterator[Browser]:
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=chromium(), args=ARGUMENTS)
+        yield browser
+        browser.close()
+
+
+@pytest.fixture
+def context(browser: Browser) -> Iterator[BrowserContext]:
+    context = browser.new_context(viewport={"width": 1280, "height": 800})
+    context.set_default_timeout(PATIENCE_MS)
+    yield context
+    context.close()
+
+
+@pytest.fixture
+def page(context: BrowserContext) -> Page:
+    return context.new_page()
+
+
+@pytest.fixture
+def server(tmp_path: Path, media_dir: Path) -> Iterator[Server]:
+    """A server with one open study and one experimenter."""
+    data_dir = tmp_path / "data"
+    studio = open_studio(Settings(data_dir=data_dir, media_dir=media_dir))
+    studies.create(studio, studies.load_folder(str(write_study(tmp_path / "study", BROWSER_PLAN))))
+    studies.open_study(studio, "short")
+    accounts.create(studio, EMAIL, PASSWORD)
+    studio.close()
+    server = Server(data_dir, media_dir)
+    server.start()
+    yield server
+    server.stop()

@@ -145,8 +145,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m app.crane.calibration", description=__doc__)
     parser.add_argument("--fit", choices=list(ENVIRONMENTS), help="search this world's constants")
     parser.add_argument("--seed", type=int, default=1, help="seed of the search (default 1)")
-    parser.add_argument("--draws", type=int, default=500, help="points drawn anywhere")
-    parser.add_argument("--steps", type=int, default=500, help="points drawn near the best ones")
+    parser.add_argument("--draws", type=int, default=40, help="points drawn anywhere")
+    parser.add_argument("--steps", type=int, default=300, help="points drawn near the best ones")
     options = parser.parse_args(arguments)
     if options.fit is None:
         checks = calibration()

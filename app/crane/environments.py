@@ -121,27 +121,43 @@ class GrainEnvironment:
 
 Environment: TypeAlias = ClumpEnvironment | GrainEnvironment
 
+# Fitted: `python -m app.crane.calibration --fit env1` finds these values.
 ENV1 = ClumpEnvironment(
     name="env1",
-    claws=Claws(opening_speed=1.0, closing_speed=1.6, dead_time=0.05),
-    grasp=Grasp(weight=150.0, spread=0.1),
-    pieces=36,
-    piece_shape=2.0,
-    threshold_mean=0.5,
-    threshold_spread=0.2,
-    fall_rate=1.0,
-    jolt=0.2,
-    looseness_spread=0.2,
-    entanglement=0.3,
+    claws=Claws(
+        opening_speed=0.376,  # w0 = 1 s opens a good third: why the best cycles are long ones
+        closing_speed=0.259,  # slower against the load: w1 near w0 / 1.5 balances the cycle
+        dead_time=0.005,  # the least the search allows: large claws, hardly any lag
+    ),
+    grasp=Grasp(
+        weight=248.0,  # scales every g alike, so it follows from the published figures
+        spread=0.136,
+    ),
+    pieces=24,  # the least the search allows: few heavy clumps spread g most
+    piece_shape=4.59,  # pieces differ by about half their weight (1 / sqrt(shape))
+    threshold_mean=0.524,  # half open
+    threshold_spread=0.06,  # the least the search allows
+    fall_rate=0.0759,  # open claws alone let a piece hang for half a minute
+    jolt=1.26,  # so that nearly all falls come at reversals
+    looseness_spread=0.367,
+    entanglement=0.238,  # clumps of 1.3 pieces on average
 )
 
+# Fitted: `python -m app.crane.calibration --fit env2` finds these values.
 ENV2 = GrainEnvironment(
     name="env2",
-    claws=Claws(opening_speed=2.0, closing_speed=2.5, dead_time=0.03),
-    grasp=Grasp(weight=245.0, spread=0.08),
-    flow=12000.0,
-    flow_spread=0.2,
-    dead_gap=0.02,
+    claws=Claws(
+        opening_speed=1.16,  # fully open in 0.9 s, within the 1 s that w0 may last
+        closing_speed=1.05,  # slower against the load: equal times leave the claws ever wider
+        dead_time=0.0106,  # about half a frame of a servo's 50 Hz command
+    ),
+    grasp=Grasp(
+        weight=261.0,  # holding or dropping all costs weight / sqrt(3), which bounds the mean of g
+        spread=0.11,  # most of the run-to-run spread of g away from w*
+    ),
+    flow=1023.12,  # fully open, the bucket empties in a quarter of a second
+    flow_spread=0.454,  # straw bridges and breaks: the rate differs by half from run to run
+    dead_gap=0.01,  # the least the search allows: the claws must part before straw runs
 )
 
 ENVIRONMENTS: Mapping[str, Environment] = MappingProxyType({"env1": ENV1, "env2": ENV2})

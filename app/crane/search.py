@@ -56,38 +56,72 @@ class Range:
             return float(self.low * (self.high / self.low) ** share)
         return float(self.low + (self.high - self.low) * share)
 
+    def share(self, value: float) -> float:
+        """Where ``value`` lies between low (0) and high (1)."""
+        if self.logarithmic:
+            return float(np.log(value / self.low) / np.log(self.high / self.low))
+        return float((value - self.low) / (self.high - self.low))
 
-CLAWS = {
-    "opening_speed": Range(0.3, 5.0, True),  # openings per second
-    "closing_ratio": Range(0.4, 4.0, True),  # closing speed over opening speed
-    "dead_time": Range(0.01, 0.15),  # s
-    "spread": Range(0.02, 0.25),
-}
+
 CLUMPS = {
-    **CLAWS,
-    "pieces": Range(24, 48.999),
+    "opening_speed": Range(0.3, 3.0, True),  # openings per second
+    "closing_ratio": Range(0.4, 4.0, True),  # closing speed over opening speed
+    "dead_time": Range(0.005, 0.08),  # s, a hobby servo's frame is 0.02 s
+    "spread": Range(0.02, 0.2),
+    "pieces": Range(24, 60.99),
     "piece_shape": Range(0.5, 6.0, True),
     "threshold_mean": Range(0.1, 0.9),
-    "threshold_spread": Range(0.02, 0.4),
-    "fall_rate": Range(0.03, 20.0, True),
+    "threshold_spread": Range(0.06, 0.4),
+    "fall_rate": Range(0.03, 20.0, True),  # per second
     "jolt": Range(0.005, 3.0, True),
     "looseness_spread": Range(0.0, 1.0),
     "entanglement": Range(0.1, 0.8),
 }
 GRAINS = {
-    **CLAWS,
+    "opening_speed": Range(0.4, 3.0, True),
+    "closing_ratio": Range(0.5, 2.0, True),
+    "dead_time": Range(0.005, 0.08),
+    "spread": Range(0.02, 0.25),
     "flow": Range(0.3, 1000.0, True),  # grasps per second at a gap of one opening
     "flow_spread": Range(0.05, 0.6),
-    "dead_gap": Range(0.0, 0.3),
+    "dead_gap": Range(0.01, 0.3),
 }
 RANGES = {"env1": CLUMPS, "env2": GRAINS}
+
+# Where earlier and longer searches over the whole ranges ended, in two digits: each search also
+# starts from here, so that minutes are enough to find the shipped constants again.
+GUESSES = {
+    "env1": {
+        "opening_speed": 0.33,
+        "closing_ratio": 0.63,
+        "dead_time": 0.024,
+        "spread": 0.16,
+        "pieces": 28,
+        "piece_shape": 5.0,
+        "threshold_mean": 0.42,
+        "threshold_spread": 0.065,
+        "fall_rate": 0.084,
+        "jolt": 0.9,
+        "looseness_spread": 0.5,
+        "entanglement": 0.35,
+    },
+    "env2": {
+        "opening_speed": 1.4,
+        "closing_ratio": 0.89,
+        "dead_time": 0.014,
+        "spread": 0.1,
+        "flow": 2.2,
+        "flow_spread": 0.45,
+        "dead_gap": 0.011,
+    },
+}
 
 SEARCH_SEED = 9  # keeps the search's draws apart from the library's
 DRAW_RUNS = 1  # runs per candidate while drawing anywhere: enough to tell hopeless from promising
 ELITE = 8  # points kept
 PARENT_RANK = 2.0  # mean rank of the kept point that a step starts from
-WIDTH_FIRST = 0.15  # width of the first steps, as a share of each range
-WIDTH_LAST = 0.03  # and of the last ones
+WIDTH_FIRST = 0.08  # width of the first steps, as a share of each range
+WIDTH_LAST = 0.02  # and of the last ones
 REPORT_EVERY = 50  # steps
 ROUNDING_DIGITS = 3  # significant digits kept of each constant
 
@@ -201,14 +235,16 @@ def attempt(name: str, point: FloatArray, runs: int = RUNS_PER_CANDIDATE) -> Tri
 def fit(
     name: str, *, seed: int, draws: int, steps: int, report: Callable[[str], object]
 ) -> Environment:
-    """Search ``name``'s constants: ``draws`` points anywhere, then ``steps`` near the best ones.
+    """Search ``name``'s constants: ``draws`` points anywhere, then ``steps`` near the best.
 
     The same arguments find the same constants. ``report`` is told of the progress in lines of text.
     """
     rng = np.random.default_rng([SEARCH_SEED, list(RANGES).index(name), seed])
     dimensions = len(RANGES[name])
     drawn = sorted(attempt(name, rng.random(dimensions), DRAW_RUNS) for _ in range(draws))
-    elite = sorted(attempt(name, np.array(trial.point)) for trial in drawn[:ELITE])
+    guess = tuple(RANGES[name][key].share(value) for key, value in GUESSES[name].items())
+    starts = [guess, *(trial.point for trial in drawn[: ELITE - 1])]
+    elite = sorted(attempt(name, np.array(point)) for point in starts)
     report(f"drawn {draws}: best misfit {elite[0].misfit:.3f}")
     for step in range(steps):
         width = WIDTH_FIRST * (WIDTH_LAST / WIDTH_FIRST) ** (step / steps)
@@ -219,6 +255,6 @@ def fit(
         trial = attempt(name, np.clip(point, 0.0, 1.0))
         if trial.misfit < elite[-1].misfit:
             elite = sorted([*elite[:-1], trial])
-        if (step + 1) % REPORT_EVERY == 0:
+        if (step + 1) % REPORT_EVERY == 0 or step + 1 == steps:
             report(f"step {step + 1} of {steps}: best misfit {elite[0].misfit:.3f}")
     return build(name, np.array(elite[0].point), elite[0].weight)

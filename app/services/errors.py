@@ -31,9 +31,17 @@ class ConflictError(ServiceError):
     """It cannot be done in the state that things are in."""
 
 
-class AlreadyAnsweredError(ConflictError):
+class ResponseRefusedError(ConflictError):
+    """A response that cannot be taken; `stage` is where the session is."""
+
+    def __init__(self, message: str, stage: str) -> None:
+        super().__init__(message)
+        self.stage = stage
+
+
+class AlreadyAnsweredError(ResponseRefusedError):
     """The query has another response already."""
 
 
-class SkipNotOfferedError(ConflictError):
+class SkipNotOfferedError(ResponseRefusedError):
     """The query's condition has no skip."""

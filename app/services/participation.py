@@ -102,11 +102,13 @@ def respond(studio: Studio, token: str, answer: Answer) -> State:
     with studio.database.read() as session:
         row = _session(studio, session, token)
         query = _query_of(session, row, answer.query_id)
-        if not _is_new(query, answer):
+        if not _is_new(row, query, answer):
             return session_state.describe(studio, session, row)
         trial = session_state.trial_in_hand(row, query.trial.trial_index, query.trial.seed)
         if answer.response == "skip" and not allows_skip(trial.method):
-            raise SkipNotOfferedError("expected left or right: this query offers no skip")
+            raise SkipNotOfferedError(
+                "expected left or right: this query offers no skip", row.stage
+            )
         history = session_state.history_of(query.trial.queries)
     # The fit, if it was not worked out ahead: between two transactions, inside none.
     pressed = (query.left_candidate, query.right_candidate, answer.response)
@@ -115,7 +117,7 @@ def respond(studio: Studio, token: str, answer: Answer) -> State:
     with studio.database.write() as session:
         row = _session(studio, session, token, to_write=True)
         query = _query_of(session, row, answer.query_id)
-        if not _is_new(query, answer):
+        if not _is_new(row, query, answer):
             return session_state.describe(studio, session, row)
         now = studio.now()
         # Raises if another query is the open one: nothing has been written yet.
@@ -230,18 +232,21 @@ def _query_of(session: Session, row: SessionRow, public_id: str) -> QueryRow:
         .where(QueryRow.public_id == public_id, Trial.session_id == row.id)
     )
     if query is None:
+        if row.stage != Stage.QUERY:
+            raise protocol.OutOfOrder(Stage(row.stage), "no query is open")
         raise NotFoundError(f"this session has no query {public_id!r}")
     return query
 
 
-def _is_new(query: QueryRow, answer: Answer) -> bool:
+def _is_new(row: SessionRow, query: QueryRow, answer: Answer) -> bool:
     """Whether the query is still to be answered; raises if it was answered otherwise."""
     if query.response is None:
         return True
     if query.response.response != answer.response:
         raise AlreadyAnsweredError(
             f"expected {query.response.response!r} again, the response this query has, "
-            f"got {answer.response!r}"
+            f"got {answer.response!r}",
+            row.stage,
         )
     return False
 

@@ -95,11 +95,13 @@ def _answer(request: Request, kind: Kind, detail: str, **extra: Any) -> Response
 async def _domain_error(request: Request, error: Exception) -> Response:
     extra: dict[str, Any] = {}
     # Whoever is out of step is told where the session is.
-    if (stage := getattr(error, "stage", None)) is not None:
-        extra["stage"] = str(stage)
+    if isinstance(error, protocol.OutOfOrder | errors.ResponseRefusedError):
+        extra["stage"] = str(error.stage)
     if isinstance(error, protocol.BreakNotOver):
+        extra["stage"] = str(protocol.Stage.BREAK)
         extra["seconds_left"] = error.seconds_left
     if isinstance(error, protocol.StaleConsent):
+        extra["stage"] = str(protocol.Stage.CONSENT)
         extra["current_version"] = error.current
     return _answer(request, kind_of(error), str(error), **extra)
 

@@ -172,14 +172,17 @@ def environment_named(name: str) -> Environment:
         raise UnknownEnvironmentError(f"expected one of {known}, got {name!r}") from None
 
 
+_TIMES = [round(k * TIME_STEP_S, 2) for k in range(TIME_POINTS)]
+_PAIRS = np.array([(w0, w1) for w0 in _TIMES for w1 in _TIMES if w0 >= w1], dtype=np.float64)
+
+
 def candidates() -> FloatArray:
     """The search space W, (231, 2): columns w0 (opening time) and w1 (closing time), in seconds.
 
     The paper prints ``w0 < w1``, yet says that opening takes longer than closing, and each optimum
     it reports has ``w0 >= w1``; 231 points need the diagonal too. So W holds ``w0 >= w1``.
     """
-    steps = [round(k * TIME_STEP_S, 2) for k in range(TIME_POINTS)]
-    return np.array([(w0, w1) for w0 in steps for w1 in steps if w0 >= w1], dtype=np.float64)
+    return _PAIRS.copy()
 
 
 def run_rng(environment: str, candidate_index: int, run_index: int) -> np.random.Generator:

@@ -112,7 +112,7 @@ export class Preloader {
     const entry = {
       blobUrl: null,
       stop,
-      loading: fetchedBlob(url, cache, stop.signal).then((blob) => {
+      loading: fetchedBlob(url, cache, stop).then((blob) => {
         if (this.#entries.get(url) !== entry) {
           return null; // let go of while it was on its way
         }
@@ -132,15 +132,17 @@ export class Preloader {
 /**
  * @param {string} url
  * @param {RequestCache} cache
- * @param {AbortSignal} signal
+ * @param {AbortController} stop
  * @returns {Promise<Blob | null>}
  */
-async function fetchedBlob(url, cache, signal) {
+async function fetchedBlob(url, cache, stop) {
+  const timer = setTimeout(() => stop.abort(), TIMEOUT_MS);
   try {
-    const limit = AbortSignal.timeout(TIMEOUT_MS);
-    const response = await fetch(url, { cache, credentials: "same-origin", signal: AbortSignal.any([signal, limit]) });
+    const response = await fetch(url, { cache, credentials: "same-origin", signal: stop.signal });
     return response.ok ? await response.blob() : null;
   } catch {
     return null;
+  } finally {
+    clearTimeout(timer);
   }
 }

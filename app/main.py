@@ -29,14 +29,23 @@ class KeptStaticFiles(StaticFiles):
         return response
 
 
-def create_app(settings: Settings | None = None, *, studio: Studio | None = None) -> FastAPI:
-    """The application over the studio of `settings`, or over one that is open already."""
+def create_app(
+    settings: Settings | None = None,
+    *,
+    studio: Studio | None = None,
+    closes_studio: bool | None = None,
+) -> FastAPI:
+    """The application over the studio of `settings`, or over one that is open already.
+
+    closes_studio: whether the studio ends with the server; by default only one opened here does.
+    """
     opened = studio or open_studio(settings or Settings())
+    closes = studio is None if closes_studio is None else closes_studio
 
     @asynccontextmanager
     async def lifespan(_app: FastAPI) -> AsyncIterator[None]:
         yield
-        if studio is None:
+        if closes:
             opened.close()
 
     app = FastAPI(

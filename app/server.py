@@ -44,11 +44,9 @@ class _Server(uvicorn.Server):
 
 def serve_app(studio: Studio, socket: sockets.socket, ready: Callable[[], None]) -> None:
     """Serve until a signal says stop; `ready` is called once requests are answered."""
-    app = create_app(studio=studio)
+    # Closed by the application itself: the server passes a signal on before it returns here.
+    app = create_app(studio=studio, closes_studio=True)
     config = uvicorn.Config(
         app, log_level="warning", access_log=False, timeout_graceful_shutdown=10
     )
-    try:
-        _Server(config, ready).run(sockets=[socket])
-    finally:
-        studio.close()
+    _Server(config, ready).run(sockets=[socket])

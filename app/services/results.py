@@ -16,6 +16,9 @@ from . import studies
 from .state import ENDED, read_progress
 from .studio import Studio
 
+#: A response brings one pair; the pairs of the other two responses were loaded for nothing.
+PAIRS_LOADED_PER_QUERY = 3
+
 MODES = ("live", "preview", "simulated")
 
 
@@ -50,6 +53,24 @@ class Counts:
     @property
     def total(self) -> int:
         return self.active + self.completed + self.withdrawn + self.declined
+
+
+def payload_mb(studio: Studio, study: studies.StudyInfo) -> float | None:
+    """Megabytes of video that one session loads at the most: each pair, and those preloaded.
+
+    From the videos that are there already; None if none is.
+    """
+    clips = [
+        clip
+        for environment in study.plan.environments
+        for clip in studio.proposer.space(study.id, environment).all_clips
+    ]
+    paths = [path for clip in clips if (path := studio.recordings.ready_path(clip)) is not None]
+    if not paths:
+        return None
+    mean_bytes = sum(path.stat().st_size for path in paths) / len(paths)
+    pairs = study.plan.trials * study.plan.queries_per_trial * PAIRS_LOADED_PER_QUERY
+    return (2 * pairs + study.plan.familiarisation.videos) * mean_bytes / 1e6
 
 
 def sessions(studio: Studio, slug: str, mode: str | None) -> list[SessionLine]:

@@ -155,6 +155,7 @@ def one_study(
             "created_at": study.created_at,
             "opened_at": study.opened_at,
             "closed_at": study.closed_at,
+            "payload_mb": results.payload_mb(studio, study),
         },
         counts={"active": len(lines) - sum(ended.values()), **ended},
         sessions=lines,

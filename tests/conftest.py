@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import os
+import shutil
 import sqlite3
 from collections.abc import Callable, Hashable, Iterator
-from contextlib import closing
 from concurrent.futures import Future
+from contextlib import closing
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any, TypeVar
@@ -17,6 +18,7 @@ from app.services import studies
 from app.services.background import Background
 from app.services.settings import Settings
 from app.services.studio import Studio, open_studio
+from app.storage.schema import migrate
 
 T = TypeVar("T")
 
@@ -61,10 +63,35 @@ class NoRendering(Background):
         return Future()
 
 
+class Idle(NoRendering):
+    """No background work at all: what comes next is worked out when it is asked for."""
+
+    def in_thread(self, key: Hashable, function: Callable[..., T], *args: Any) -> Future[T]:
+        return Future()
+
+
 @pytest.fixture
-def studio(settings: Settings, clock: Clock) -> Iterator[Studio]:
+def background() -> Background:
+    """What the studio leaves to the background: nothing, unless a test's room says otherwise."""
+    return Idle(1)
+
+
+@pytest.fixture(scope="session")
+def empty_database(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A database at the newest schema with nothing in it: migrated once, copied for each test."""
+    path = tmp_path_factory.mktemp("empty") / "pbpo.sqlite3"
+    migrate(f"sqlite:///{path}")
+    return path
+
+
+@pytest.fixture
+def studio(
+    settings: Settings, clock: Clock, background: Background, empty_database: Path
+) -> Iterator[Studio]:
     """A studio with nothing in it, which renders no videos."""
-    studio = open_studio(settings, now=clock.now, background=NoRendering(1))
+    settings.data_dir.mkdir()
+    shutil.copyfile(empty_database, _file(settings))
+    studio = open_studio(settings, now=clock.now, background=background)
     yield studio
     studio.close()
 
@@ -133,7 +160,7 @@ class StudyShelf:
             place = self._folder / str(len(self._made))
             settings = Settings(data_dir=place / "data", media_dir=self._media_dir)
             folder = studies.load_folder(str(write_study(place / "study", plan)))
-            studio = open_studio(settings, now=Clock().now, background=NoRendering(1))
+            studio = open_studio(settings, now=Clock().now, background=Idle(1))
             studies.create(studio, folder)
             studies.open_study(studio, folder.plan.slug)
             studio.close()

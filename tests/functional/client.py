@@ -3,11 +3,29 @@
 from __future__ import annotations
 
 import asyncio
+import io
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import cycle
 from types import TracebackType
 from typing import Any, Self
 
 import httpx
+import pandas as pd
 from fastapi import FastAPI
+
+#: What tests let pass before each response.
+SECONDS_PER_QUERY = 12
+
+
+@dataclass(frozen=True)
+class Pressed:
+    """What an evaluator pressed, and where they were told to be."""
+
+    trial: int
+    query: int
+    response: str
+    rt_ms: float
 
 
 class Api:
@@ -43,6 +61,16 @@ class Api:
 
     def post(self, path: str, **options: Any) -> httpx.Response:
         return self.request("POST", path, **options)
+
+    def table(self, name: str, api_token: str, *modes: str) -> pd.DataFrame:
+        """An exported table, as an experimenter reads it."""
+        response = self.get(
+            f"/api/v1/studies/short/export/{name}.csv",
+            params=[("mode", mode) for mode in modes],
+            headers={"Authorization": f"Bearer {api_token}"},
+        )
+        assert response.status_code == 200, response.text
+        return pd.read_csv(io.BytesIO(response.content))
 
     def run(self, coroutine_of: Any) -> Any:
         """Run a coroutine function of an httpx client, such as a simulated evaluator's walk."""
@@ -91,7 +119,54 @@ class Session:
         )
 
     def to_first_query(self) -> Session:
-        self.consent()
-        while self.state["stage"] != "query":
-            assert self.go_on().status_code == 200
+        return self.to_stage("query", lambda _: None)
+
+    def to_stage(self, stage: str, wait: Callable[[float], None]) -> Session:
+        """Go on to the first time that the session is in this stage."""
+        if stage == "declined":
+            self.call("withdraw")
+        elif stage == "withdrawn":
+            self.to_first_query().call("withdraw")
+        while self.state["stage"] != stage:
+            assert self.step("left", wait).status_code == 200
         return self
+
+    def step(
+        self, response: str, wait: Callable[[float], None], rt_ms: float = 1000.0
+    ) -> httpx.Response:
+        """Do what the stage asks for, as soon as it may be done."""
+        match self.state["stage"]:
+            case "consent":
+                return self.consent()
+            case "query":
+                wait(SECONDS_PER_QUERY)
+                return self.respond(response, rt_ms=rt_ms)
+            case "break":
+                wait(self.state["break"]["seconds_left"])
+        return self.go_on()
+
+    def to_the_end(
+        self, choose: Callable[[dict[str, Any]], str], wait: Callable[[float], None]
+    ) -> list[Pressed]:
+        """Go on until the session is over; what was pressed on the way, in order."""
+        pressed: list[Pressed] = []
+        while self.state["stage"] not in ("completed", "withdrawn", "declined"):
+            response, rt_ms = "", 1000.0 + len(pressed) / 4
+            if self.state["stage"] == "query":
+                at, response = self.state["progress"], choose(self.state)
+                pressed.append(Pressed(at["trial"], at["query"], response, rt_ms))
+            answer = self.step(response, wait, rt_ms)
+            assert answer.status_code == 200, answer.text
+        return pressed
+
+
+def by_turns(*responses: str) -> Callable[[dict[str, Any]], str]:
+    """Presses these over and over; left in place of a skip where none is offered."""
+    turns = cycle(responses)
+
+    def choose(state: dict[str, Any]) -> str:
+        response = next(turns)
+        offered = response != "skip" or state["query"]["skip"] is not None
+        return response if offered else "left"
+
+    return choose

@@ -8,8 +8,10 @@ import pytest
 from fastapi import FastAPI
 
 from app.main import create_app
-from app.services import accounts
+from app.services import accounts, studies
+from app.services.studies import StudyInfo
 from app.services.studio import Studio
+from tests.conftest import SHORT_PLAN, StudyShelf
 
 from .client import Api
 
@@ -32,3 +34,16 @@ def client(application: FastAPI) -> Iterator[Api]:
 def api_token(studio: Studio) -> str:
     """An experimenter's API token."""
     return accounts.create_api_token(studio, accounts.create(studio, EMAIL, PASSWORD), "tests")
+
+
+#: The short study with a model from the second answer on, so that a few queries show all kinds.
+LEARNING_PLAN = SHORT_PLAN.replace(
+    "settings: {preset: paper-env1}", "settings: {preset: paper-env1, random_queries: 2}"
+).replace("queries_per_trial: 4", "queries_per_trial: 5")
+
+
+@pytest.fixture
+def learning_study(studio: Studio, study_shelf: StudyShelf) -> StudyInfo:
+    """An open study in which the model chooses queries after two answers."""
+    study_shelf.put_into(studio, LEARNING_PLAN)
+    return studies.find(studio, "short")

@@ -1,8 +1,11 @@
-"""A session through the API, as the contract has it."""
+"""A session through the API, from arrival to the end, as the contract has it."""
 
 from __future__ import annotations
 
+import pytest
+
 from app.services.studies import StudyInfo
+from tests.conftest import Clock
 
 from .client import Api
 
@@ -22,3 +25,151 @@ def test_a_session_goes_from_consent_to_its_first_query(
     assert query["stage"] == "query"
     assert query["progress"] == {"trial": 1, "trials": 3, "query": 1, "queries": 4}
     assert query["query"]["left"]["url"] != query["query"]["right"]["url"]
+    assert query["query"]["left"]["duration_s"] == 10.0
+
+
+def test_a_session_passes_through_every_trial_and_break_and_ends(
+    client: Api, short_study: StudyInfo, clock: Clock
+) -> None:
+    session = client.start().to_first_query()
+
+    stages = []
+    for _ in range(3 * 4):
+        session.respond("left")
+        stages.append((session.state["stage"], session.state["progress"]["trial"]))
+        if session.state["stage"] == "break":
+            clock.forward(120)
+            session.go_on()
+            stages.append((session.state["stage"], session.state["progress"]["trial"]))
+
+    one, two = [("query", 1)] * 3, [("query", 2)] * 4
+    assert stages == [
+        *one,
+        ("break", 1),
+        *two,
+        ("break", 2),
+        *[("query", 3)] * 4,
+        ("debrief", 3),
+    ]
+    assert "taught an optimiser" in session.state["debrief"]["html"]
+    assert session.go_on().json()["stage"] == "completed"
+    assert session.look()["progress"] == {"trial": 3, "trials": 3, "query": 4, "queries": 4}
+
+
+def test_each_trial_has_the_skip_button_of_its_own_condition_or_none(
+    client: Api, short_study: StudyInfo, clock: Clock
+) -> None:
+    session = client.start().to_first_query()
+
+    labels = []
+    for _ in range(3):
+        skip = session.state["query"]["skip"]
+        labels.append(skip and skip["label"])
+        while session.state["stage"] == "query":
+            session.respond("right")
+        clock.forward(120)
+        session.go_on()
+
+    assert sorted(labels, key=str) == ["I don't like either.", "It's hard to choose.", None]
+
+
+def test_six_sessions_take_the_six_balanced_orders(
+    client: Api, short_study: StudyInfo, clock: Clock
+) -> None:
+    orders = set()
+    for _ in range(6):
+        session = client.start()
+        seen: list[str] = []
+
+        def choose(state: dict[str, object], seen: list[str] = seen) -> str:
+            query = state["query"]
+            assert isinstance(query, dict)
+            label = (query["skip"] or {"label": "none"})["label"]
+            if label not in seen:
+                seen.append(label)
+            return "left"
+
+        session.to_the_end(choose, clock.forward)
+        orders.add(tuple(seen))
+    assert len(orders) == 6
+    assert all(len(order) == 3 for order in orders)
+
+
+def test_somebody_who_left_long_ago_does_not_hold_a_place_in_the_balance(
+    client: Api, short_study: StudyInfo, clock: Clock, api_token: str
+) -> None:
+    for _ in range(6):
+        client.start()
+    clock.forward(3601)
+    for _ in range(6):
+        client.start()
+
+    rows = client.table("sessions", api_token)
+    orders = rows["order_index"].to_list()
+    assert sorted(orders[:6]) == sorted(orders[6:]) == list(range(6))
+
+
+def test_withdrawing_does_not_hold_a_place_in_the_balance(
+    client: Api, short_study: StudyInfo, api_token: str
+) -> None:
+    leaves = client.start().to_first_query()
+    others = [client.start() for _ in range(5)]
+    assert leaves.call("withdraw").json()["stage"] == "withdrawn"
+    client.start()
+
+    orders = client.table("sessions", api_token)["order_index"].to_list()
+    assert len(others) == 5
+    assert orders[6] == orders[0]
+
+
+def test_a_break_cannot_be_left_early_and_says_how_long_it_still_lasts(
+    client: Api, short_study: StudyInfo, clock: Clock
+) -> None:
+    session = client.start().to_first_query()
+    for _ in range(4):
+        session.respond("left")
+    assert session.state["break"] == {"ends_at": "2026-03-01T09:02:00Z", "seconds_left": 120}
+
+    clock.forward(119.5)
+    refusal = session.go_on()
+    assert refusal.status_code == 409
+    assert refusal.json()["type"] == "urn:pbpo-studio:problem:break-not-over"
+    assert refusal.json()["stage"] == "break"
+    assert refusal.json()["seconds_left"] == 1
+    assert session.look()["break"]["seconds_left"] == 1
+
+    clock.forward(0.5)
+    assert session.look()["break"]["seconds_left"] == 0
+    assert session.go_on().json()["stage"] == "query"
+
+
+def test_declining_ends_a_session_before_it_began(client: Api, short_study: StudyInfo) -> None:
+    session = client.start()
+    assert session.call("withdraw").json()["stage"] == "declined"
+    assert session.look()["progress"]["trial"] == 0
+
+
+@pytest.mark.parametrize("answered", [0, 2, 4])
+def test_withdrawing_keeps_what_was_answered(
+    client: Api, short_study: StudyInfo, api_token: str, answered: int
+) -> None:
+    session = client.start().to_first_query()
+    for _ in range(answered):
+        session.respond("right")
+    assert session.call("withdraw").json()["stage"] == "withdrawn"
+
+    queries = client.table("queries", api_token)
+    assert queries["response"].dropna().to_list() == ["right"] * answered
+    assert client.table("sessions", api_token)["stage"].to_list() == ["withdrawn"]
+
+
+def test_looking_again_shows_the_same_query(client: Api, short_study: StudyInfo) -> None:
+    session = client.start().to_first_query()
+    shown = session.state["query"]
+    for _ in range(3):
+        again = session.look()["query"]
+        assert (again["id"], again["left"], again["right"]) == (
+            shown["id"],
+            shown["left"],
+            shown["right"],
+        )

@@ -1,0 +1,53 @@
+"""What the server does while an evaluator watches, so that a response costs no wait."""
+
+from __future__ import annotations
+
+import pytest
+
+from app.services.background import Background
+from app.services.studies import StudyInfo
+from app.services.studio import Studio
+from tests.conftest import NoRendering
+
+from .client import Api, Session
+
+
+@pytest.fixture
+def background() -> Background:
+    return NoRendering(1)
+
+
+def prefetch(studio: Studio, session: Session) -> list[str]:
+    """The addresses to load ahead, once all possible responses have been worked out."""
+    studio.background.in_thread("after all that", lambda: None).result(timeout=60)
+    return list(session.look()["query"]["prefetch"])
+
+
+@pytest.mark.parametrize("response", ["left", "right"])
+def test_the_videos_of_the_next_query_are_named_before_the_response(
+    client: Api, studio: Studio, learning_study: StudyInfo, response: str
+) -> None:
+    session = client.start().to_first_query()
+    for _ in range(4):
+        urls = prefetch(studio, session)
+        session.respond(response)
+        query = session.state["query"]
+        assert {query["left"]["url"], query["right"]["url"]} <= set(urls)
+
+
+def test_a_query_that_the_model_chooses_depends_on_the_response(
+    client: Api, studio: Studio, learning_study: StudyInfo
+) -> None:
+    session = client.start().to_first_query()
+    assert len(prefetch(studio, session)) == 2
+    session.respond("left")
+    assert len(prefetch(studio, session)) > 2
+
+
+def test_nothing_is_loaded_ahead_of_the_last_query(
+    client: Api, studio: Studio, short_study: StudyInfo
+) -> None:
+    session = client.start().to_first_query()
+    for _ in range(3):
+        session.respond("left")
+    assert prefetch(studio, session) == []

@@ -6,10 +6,12 @@ at any moment and started again, and two of it at once only share the work.
 
 from __future__ import annotations
 
+import os
 import signal
+import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import FIRST_EXCEPTION, Future, ProcessPoolExecutor, wait
-from multiprocessing import get_context
+from multiprocessing import get_context, parent_process
 from pathlib import Path
 from typing import TypeAlias
 
@@ -60,7 +62,7 @@ def render_these(
     pool = ProcessPoolExecutor(
         max_workers=min(jobs, max(len(wanted), 1)),
         mp_context=get_context("spawn"),
-        initializer=_leave_interrupts_to_the_caller,
+        initializer=_follow_the_caller,
     )
     try:
         waiting = {pool.submit(ensure_video, *recording, media_dir) for recording in wanted}
@@ -78,6 +80,16 @@ def _follow(waiting: set[Future[Path]], total: int, on_progress: Progress) -> No
             on_progress(total - len(waiting), total)
 
 
-def _leave_interrupts_to_the_caller() -> None:
-    """A terminal interrupts every process at once; a worker finishes the video in its hands."""
+def _follow_the_caller() -> None:
+    """Set a worker up to end when the caller ends, and only then."""
+    # A terminal interrupts every process at once; a worker finishes the video in its hands.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    # A caller that is killed cannot dismiss its workers, and they would wait for it for ever.
+    threading.Thread(target=_end_with_the_caller, daemon=True).start()
+
+
+def _end_with_the_caller() -> None:
+    caller = parent_process()
+    if caller is not None:
+        caller.join()
+        os._exit(1)

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
+import app
 from app.crane import library, rendering_jobs
 from app.crane.dynamics import Run
 from app.crane.environments import UnknownEnvironmentError
@@ -101,3 +105,26 @@ def test_a_fault_in_another_process_reaches_the_caller(tmp_path: Path) -> None:
 
     with pytest.raises(FileExistsError):
         render_these(SOME, not_a_folder, 2, nothing_to_tell)
+
+
+def test_workers_end_with_a_caller_that_is_killed(tmp_path: Path) -> None:
+    script = tmp_path / "caller.py"
+    script.write_text(
+        "import sys; from pathlib import Path\n"
+        "from app.crane.rendering_jobs import render_all\n"
+        "if __name__ == '__main__':\n"
+        "    render_all('env1', Path(sys.argv[1]), 2, lambda *told: print(*told, flush=True))\n"
+    )
+    caller = subprocess.Popen(
+        [sys.executable, str(script), str(tmp_path / "media")],
+        stdout=subprocess.PIPE,
+        env={**os.environ, "PYTHONPATH": str(Path(app.__file__).parents[1])},
+    )
+    assert caller.stdout is not None
+    with caller.stdout as told:
+        while not told.readline().startswith(b"1 "):
+            assert caller.poll() is None
+        caller.kill()
+        caller.wait()
+        # The workers hold the other end too: reading ends when the last of them is gone.
+        told.read()

@@ -147,17 +147,17 @@ ENV1 = ClumpEnvironment(
 ENV2 = GrainEnvironment(
     name="env2",
     claws=Claws(
-        opening_speed=1.16,  # fully open in 0.9 s, within the 1 s that w0 may last
-        closing_speed=1.05,  # slower against the load: equal times leave the claws ever wider
-        dead_time=0.0106,  # about half a frame of a servo's 50 Hz command
+        opening_speed=0.611,  # w0 = 0.1 s parts the claws by a twentieth: the least that pours
+        closing_speed=0.557,  # slower against the load: equal times leave the claws ever wider
+        dead_time=0.00755,  # small claws, hardly any lag
     ),
     grasp=Grasp(
-        weight=261.0,  # holding or dropping all costs weight / sqrt(3), which bounds the mean of g
+        weight=253.0,  # holding or dropping all costs weight / sqrt(3), which bounds the mean of g
         spread=0.11,  # most of the run-to-run spread of g away from w*
     ),
-    flow=1023.12,  # fully open, the bucket empties in a quarter of a second
-    flow_spread=0.454,  # straw bridges and breaks: the rate differs by half from run to run
-    dead_gap=0.01,  # the least the search allows: the claws must part before straw runs
+    flow=9108.0,  # 5 g/s a twentieth beyond the dead gap; at a quarter, a grasp in a second
+    flow_spread=0.109,  # grains run alike from run to run
+    dead_gap=0.0158,  # the claws must part this far before straw runs
 )
 
 ENVIRONMENTS: Mapping[str, Environment] = MappingProxyType({"env1": ENV1, "env2": ENV2})

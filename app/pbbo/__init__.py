@@ -24,6 +24,7 @@ from app.pbbo.errors import (
     NoPosteriorError,
     PbboError,
     QueryNotAskedError,
+    ScoreError,
     SeedError,
     SettingsError,
     SkipNotOfferedError,
@@ -33,13 +34,16 @@ from app.pbbo.errors import (
 from app.pbbo.methods import METHODS, allows_skip, has_posterior
 from app.pbbo.optimizer import ENGINE_VERSION, PreferenceOptimizer
 from app.pbbo.preferences import RESPONSES, Preference, Query, Response
-from app.pbbo.settings import PRESETS, Settings
+from app.pbbo.scored import SCORE_METHODS, SCORE_PRESETS, ScoreOptimizer
+from app.pbbo.settings import PRESETS, ScoreSettings, Settings
 
 __all__ = [
     "ENGINE_VERSION",
     "METHODS",
     "PRESETS",
     "RESPONSES",
+    "SCORE_METHODS",
+    "SCORE_PRESETS",
     "CandidatesError",
     "FitError",
     "HistoryError",
@@ -50,6 +54,9 @@ __all__ = [
     "Query",
     "QueryNotAskedError",
     "Response",
+    "ScoreError",
+    "ScoreOptimizer",
+    "ScoreSettings",
     "SeedError",
     "Settings",
     "SettingsError",

@@ -58,10 +58,24 @@ class Posterior:
 
 
 def belief_over(
-    candidates: Candidates, preferences: Sequence[Preference], settings: Settings
+    candidates: Candidates,
+    preferences: Sequence[Preference],
+    settings: Settings,
+    prior: Prior | None = None,
 ) -> Posterior:
-    """What the settings make of these preferences, over all candidates; `FitError` if nothing."""
-    prior = prior_over(candidates, settings.length_scale, settings.signal_variance)
+    """What the settings make of these preferences, over all candidates; `FitError` if nothing.
+
+    prior: one worked out before for these candidates and this signal variance, used again if its
+    length scale is still the one wanted.
+    """
+    length_scale = settings.length_scale
+    if settings.optimise_kernel and preferences:
+        # PyTorch takes seconds to import; only this setting needs it.
+        from app.pbbo.evidence import best_length_scale  # noqa: PLC0415
+
+        length_scale = best_length_scale(candidates.points, tally(preferences), settings)
+    if prior is None or prior.length_scale != length_scale:
+        prior = prior_over(candidates, length_scale, settings.signal_variance)
     if not preferences:
         return unlearned(prior)
     return posterior_of(prior, preferences, settings.epsilon)
@@ -82,26 +96,43 @@ def unlearned(prior: Prior) -> Posterior:
     )
 
 
-def posterior_of(prior: Prior, preferences: Sequence[Preference], epsilon: float) -> Posterior:
-    """The posterior over all candidates given at least one preference, or `FitError`."""
-    winners, losers, counts = tally(preferences)
-    seen, place = np.unique(np.concatenate([winners, losers]), return_inverse=True)
-    place = place.reshape(2, -1)
-    root, info = lapack.dpotrf(prior.covariance[np.ix_(seen, seen)], lower=1, clean=1)
-    if info != 0:
-        raise FitError(f"model: the covariance of {len(seen)} candidates does not factorise")
-    inverse_root, _ = lapack.dtrtri(root, lower=1)
+@dataclass(frozen=True, eq=False)
+class Whitened:
+    """Preferences as probit answers about whitened variables z = whiten @ f[seen].
 
-    features = root[place[0]] - root[place[1]]  # (m, p)
-    whiten = inverse_root  # (p, p)
-    if len(features) < len(seen):
+    seen: (p,), the candidates in them.  whiten: (r, p), r the smaller of p and the number of
+    different answers.  answers: what the variational fit takes.
+    """
+
+    seen: IndexArray
+    whiten: FloatArray
+    answers: Answers
+
+
+def whitened(tally: "Tally", covariance: FloatArray, epsilon: float) -> Whitened:
+    """The answers in terms of independent variables; covariance: (p, p), prior, of those seen."""
+    root, info = lapack.dpotrf(covariance, lower=1, clean=1)
+    if info != 0:
+        raise FitError(f"model: the covariance of {len(covariance)} candidates does not factorise")
+    whiten, _ = lapack.dtrtri(root, lower=1)  # (p, p)
+    features = root[tally.winner] - root[tally.loser]  # (m, p)
+    if len(features) < len(root):
         # Fewer answers than candidates in them: only their span matters.
         basis, triangle = np.linalg.qr(features.T)
         features = np.ascontiguousarray(triangle.T)  # (m, m)
-        whiten = basis.T @ inverse_root  # (m, p)
-    q = fit(Answers(features, counts, np.sqrt(2.0) * epsilon))
+        whiten = basis.T @ whiten  # (m, p)
+    answers = Answers(features, tally.counts, float(np.sqrt(2.0)) * epsilon)
+    return Whitened(tally.seen, whiten, answers)
 
-    reach = prior.covariance[:, seen] @ whiten.T  # (n, r)
+
+def posterior_of(prior: Prior, preferences: Sequence[Preference], epsilon: float) -> Posterior:
+    """The posterior over all candidates given at least one preference, or `FitError`."""
+    counted = tally(preferences)
+    seen = counted.seen
+    data = whitened(counted, prior.covariance[np.ix_(seen, seen)], epsilon)
+    q = fit(data.answers)
+
+    reach = prior.covariance[:, seen] @ data.whiten.T  # (n, r)
     spread, _ = lapack.dtrtrs(q.root, reach.T, lower=1)  # (r, n)
     own = np.diagonal(prior.covariance)
     variance = own - np.einsum("ij,ij->i", reach, reach) + np.einsum("ij,ij->j", spread, spread)
@@ -109,14 +140,27 @@ def posterior_of(prior: Prior, preferences: Sequence[Preference], epsilon: float
     if not (np.isfinite(mean).all() and np.isfinite(variance).all()):
         raise FitError("model: the posterior is not finite")
     std = np.sqrt(np.maximum(variance, SMALLEST_VARIANCE_SHARE * own))
-    return Posterior(prior, mean, std, reach, whiten, seen, q)
+    return Posterior(prior, mean, std, reach, data.whiten, seen, q)
 
 
-def tally(preferences: Sequence[Preference]) -> tuple[IndexArray, IndexArray, FloatArray]:
-    """Different (winner, loser) pairs and how often each was given; each (m,).
+@dataclass(frozen=True, eq=False)
+class Tally:
+    """Different answers and how often each was given.
 
-    Sorted, so that the order of the answers does not reach the arithmetic.
+    seen: (p,), the candidates in them, ascending.  winner, loser: (m,), places in `seen`.
+    counts: (m,).
     """
+
+    seen: IndexArray
+    winner: IndexArray
+    loser: IndexArray
+    counts: FloatArray
+
+
+def tally(preferences: Sequence[Preference]) -> Tally:
+    """Sorted, so that the order of the answers does not reach the arithmetic."""
     pairs = np.array([(p.winner, p.loser) for p in preferences], dtype=np.intp)
     different, counts = np.unique(pairs, axis=0, return_counts=True)
-    return different[:, 0], different[:, 1], counts.astype(np.float64)
+    seen, place = np.unique(different, return_inverse=True)
+    place = place.reshape(different.shape)
+    return Tally(seen, place[:, 0], place[:, 1], counts.astype(np.float64))

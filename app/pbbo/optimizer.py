@@ -30,6 +30,7 @@ from app.pbbo.synthesis import Learned
 
 if TYPE_CHECKING:
     from app.pbbo.model import Posterior
+    from app.pbbo.prior import Prior
 
 # Part of every recorded query. Raise it whenever the same history and seed may give another query.
 ENGINE_VERSION = "1"
@@ -63,6 +64,8 @@ class PreferenceOptimizer:
         self._last: frozenset[int] = frozenset()
         self._pending: Query | None = None
         self._belief: Posterior | FitError | None = None
+        # Depends on the candidates and the settings alone: kept between fits, never learned.
+        self._prior: Prior | None = None
 
     @classmethod
     def replay(
@@ -226,8 +229,9 @@ class PreferenceOptimizer:
 
             try:
                 self._belief = belief_over(
-                    self._candidates, self._learned.preferences, self._settings
+                    self._candidates, self._learned.preferences, self._settings, self._prior
                 )
+                self._prior = self._belief.prior
             except FitError as error:
                 self._belief = error
         if isinstance(self._belief, FitError):

@@ -27,6 +27,7 @@ LARGEST_KEPT: Final = 1000
 class Prior:
     """covariance: (n, n);  root: (n, n) lower triangular, root root' = covariance."""
 
+    length_scale: float
     covariance: FloatArray
     root: FloatArray
 
@@ -56,19 +57,25 @@ def prior_over(candidates: Candidates, length_scale: float, signal_variance: flo
     return prior
 
 
-def build(points: FloatArray, length_scale: float, signal_variance: float) -> Prior:
-    """The prior over points (n, d)."""
+def kernel(points: FloatArray, length_scale: float, signal_variance: float) -> FloatArray:
+    """The RBF kernel between all pairs of points (n, d), without the diagonal term; (n, n)."""
     covariance = cdist(points, points, "sqeuclidean")
     covariance *= -0.5 / length_scale**2
     np.exp(covariance, out=covariance)
     covariance *= signal_variance
+    return covariance
+
+
+def build(points: FloatArray, length_scale: float, signal_variance: float) -> Prior:
+    """The prior over points (n, d)."""
+    covariance = kernel(points, length_scale, signal_variance)
     added = 0.0
     for jitter in JITTERS:
         covariance.flat[:: len(points) + 1] += jitter * signal_variance - added
         added = jitter * signal_variance
         root, info = lapack.dpotrf(covariance, lower=1, clean=1)
         if info == 0:
-            return Prior(covariance, np.ascontiguousarray(root))
+            return Prior(length_scale, covariance, np.ascontiguousarray(root))
     raise FitError(
         f"prior: expected a covariance that factorises, got none up to jitter {JITTERS[-1]:g} "
         f"({len(points)} candidates, length scale {length_scale:g})"

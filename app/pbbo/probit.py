@@ -13,11 +13,13 @@ the parabola is taken out in closed form: with
 E[c] is the same expression with a and sqrt(1 + b^2), and the rest, log Phi + c, is analytic and
 grows like log|x|, so that a trapezoidal sum over x = sinh(u) integrates it to about 1e-8. The
 nodes are fixed, hence so are the values of the rest: an expectation costs one exponential per node.
-Narrow Gaussians, and those whose mass lies clear of the kink, use Gauss-Hermite quadrature.
+Narrow Gaussians, and those whose mass lies clear of the kink on its left, use Gauss-Hermite
+quadrature.
 """
 
 from dataclasses import dataclass
 from functools import cache
+from math import prod
 from typing import Final
 
 import numpy as np
@@ -28,7 +30,9 @@ from app.pbbo.candidates import FloatArray
 SQRT_2PI: Final = float(np.sqrt(2.0 * np.pi))
 
 # Below this, log Phi is evaluated by its asymptotic series: the direct form loses its digits.
-SERIES_BELOW: Final = -50.0
+SERIES_BELOW: Final = -15.0
+# phi(t) / Phi(-t) - t = 1/t - 2/t^3 + 10/t^5 - ...; the last term is 5e-12 of the first at t = 15.
+EXCESS_SERIES: Final = (1.0, -2.0, 10.0, -74.0, 706.0, -8162.0, 110410.0, -1708394.0, 29752066.0)
 # Beyond this many standard deviations a Gaussian's mass is below 1e-15.
 REACH: Final = 8.0
 # Step of the trapezoidal sum in u. A Gaussian within REACH of the kink is at least 1 / REACH wide
@@ -76,13 +80,29 @@ def derivatives(x: FloatArray) -> FloatArray:
     )
     if far.any():
         t = -x[far]
-        q = 1.0 / (t * t)
-        out[0, far] = -0.5 * t * t - np.log(SQRT_2PI * t) + np.log1p(-q * (1.0 - 3.0 * q))
-        out[1, far] = t + (1.0 - 2.0 * q + 10.0 * q * q) / t
-        out[2, far] = -1.0 + q - 6.0 * q * q
-        out[3, far] = (2.0 - 24.0 * q) * q / t
-        out[4, far] = (6.0 - 120.0 * q) * q * q
+        out[0, far] = -0.5 * t * t + log_excess(t)
+        out[1, far] = t + excess_series(t, 0)
+        out[2, far] = -1.0 - excess_series(t, 1)
+        out[3, far] = excess_series(t, 2)
+        out[4, far] = -excess_series(t, 3)
     return out
+
+
+def excess_series(t: FloatArray, order: int) -> FloatArray:
+    """The derivative of this order, in t, of phi(t) / Phi(-t) - t, for large t."""
+    total = np.zeros_like(t)
+    for k, coefficient in enumerate(EXCESS_SERIES):
+        power = 2 * k + 1
+        factor = prod(-(power + i) for i in range(order))
+        total += coefficient * factor * t ** -(power + order)
+    return total
+
+
+def log_excess(t: FloatArray) -> FloatArray:
+    """log Phi(-t) + t^2 / 2 for large t."""
+    q = 1.0 / (t * t)
+    mills = q * (-1.0 + q * (3.0 + q * (-15.0 + q * (105.0 + q * (-945.0 + q * 10395.0)))))
+    return np.asarray(np.log1p(mills) - np.log(SQRT_2PI * t))
 
 
 def parabola(a: FloatArray, spread: FloatArray) -> FloatArray:
@@ -108,12 +128,11 @@ def table() -> tuple[FloatArray, FloatArray]:
     x = np.sinh(u)
     rest = derivatives(x) - parabola(x, np.ones_like(x))
     far = x < SERIES_BELOW
+    # The difference of two large numbers, again by its series; there c = (x^2 + 1) / 2.
     t = -x[far]
-    q = 1.0 / (t * t)
-    # The difference of two large numbers, again by its series.
-    rest[0, far] = 0.5 - np.log(SQRT_2PI * t) + np.log1p(-q * (1.0 - 3.0 * q))
-    rest[1, far] = (1.0 - 2.0 * q + 10.0 * q * q) / t
-    rest[2, far] = q - 6.0 * q * q
+    rest[0, far] = 0.5 + log_excess(t)
+    for order in range(4):
+        rest[1 + order, far] = (-1.0) ** order * excess_series(t, order)
     return x, (rest * (STEP * np.cosh(u) / SQRT_2PI)).T.copy()
 
 
@@ -128,7 +147,8 @@ def expectations(a: FloatArray, b: FloatArray) -> Expectations:
     """Expectations of log Phi and its derivatives over N(a, b^2); a, b: (m,), b > 0."""
     out = np.empty((5, len(a)))
     # Not written as its complement, so that a NaN in a or b goes to a branch that lets it through.
-    wide = (b > NARROW) & (np.abs(a) < REACH * b)
+    # Clear of the kink on its right, the closed form is all there is.
+    wide = (b > NARROW) & (a > -REACH * b)
     if wide.any():
         out[:, wide] = wide_expectations(a[wide], b[wide])
     narrow = ~wide

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields, replace
 from math import isfinite, sqrt
 from types import MappingProxyType
-from typing import Any, Final, Literal, Self, TypeVar
+from typing import Any, Final, Literal
 
 from app.pbbo.errors import SettingsError
 
@@ -59,11 +59,7 @@ class Settings:
     def __post_init__(self) -> None:
         for name in ("length_scale", "epsilon", "signal_variance"):
             object.__setattr__(self, name, positive(name, getattr(self, name)))
-        if not SHORTEST_LENGTH_SCALE <= self.length_scale <= LONGEST_LENGTH_SCALE:
-            raise SettingsError(
-                f"length_scale: expected {SHORTEST_LENGTH_SCALE} to {LONGEST_LENGTH_SCALE}, "
-                f"got {self.length_scale!r}"
-            )
+        within_reach(self.length_scale)
         ratio = sqrt(self.signal_variance) / self.epsilon
         if not SMALLEST_SIGNAL_TO_NOISE <= ratio <= LARGEST_SIGNAL_TO_NOISE:
             raise SettingsError(
@@ -80,7 +76,7 @@ class Settings:
             )
 
     @classmethod
-    def from_mapping(cls, mapping: Mapping[str, Any]) -> Self:
+    def from_mapping(cls, mapping: Mapping[str, Any]) -> "Settings":
         """Settings from a study's plan: an optional `preset`, and keys that override it."""
         given = dict(mapping)
         base = cls()
@@ -88,7 +84,7 @@ class Settings:
             name = given.pop("preset")
             if not isinstance(name, str) or name not in PRESETS:
                 raise SettingsError(f"preset: expected one of {', '.join(PRESETS)}, got {name!r}")
-            base = cls(**asdict(PRESETS[name]))
+            base = PRESETS[name]
         return override(base, given)
 
     def to_mapping(self) -> dict[str, Any]:
@@ -96,10 +92,40 @@ class Settings:
         return asdict(self)
 
 
-AnySettings = TypeVar("AnySettings", bound="Settings")
+@dataclass(frozen=True)
+class ScoreSettings:
+    """How a `ScoreOptimizer` models the scores and chooses the next candidate.
+
+    kappa: of the upper confidence bound, mean + kappa std.
+    length_scale, signal_variance, scale_candidates: as for `Settings`; scores are standardised.
+    noise: standard deviation of a measurement, in standard deviations of the scores. The paper
+        does not give it.
+    degrees_of_freedom: of RBO's Student-t likelihood; the fewer, the more it forgives. Four are
+        the usual choice: heavy tails, yet a finite variance.
+    random_queries: how many random candidates are measured first.
+    """
+
+    kappa: float = 2.0
+    length_scale: float = 0.1
+    noise: float = 0.1
+    signal_variance: float = 1.0
+    degrees_of_freedom: float = 4.0
+    random_queries: int = 5
+    scale_candidates: bool = True
+
+    def __post_init__(self) -> None:
+        for name in ("length_scale", "noise", "signal_variance", "degrees_of_freedom"):
+            object.__setattr__(self, name, positive(name, getattr(self, name)))
+        within_reach(self.length_scale)
+        if isinstance(self.kappa, bool) or not isinstance(self.kappa, (int, float)):
+            raise SettingsError(f"kappa: expected a number from 0 on, got {self.kappa!r}")
+        if not isfinite(self.kappa) or self.kappa < 0:
+            raise SettingsError(f"kappa: expected a finite number from 0 on, got {self.kappa!r}")
+        whole("random_queries", self.random_queries)
+        flag("scale_candidates", self.scale_candidates)
 
 
-def override(base: AnySettings, given: Mapping[str, Any]) -> AnySettings:
+def override(base: Settings, given: Mapping[str, Any]) -> Settings:
     """`base` with the given settings, or `SettingsError` naming the first unknown key."""
     known = [field.name for field in fields(base)]
     for name in given:
@@ -117,6 +143,15 @@ def positive(name: str, value: object) -> float:
     if not isfinite(value) or value <= 0:
         raise SettingsError(f"{name}: expected a finite number above 0, got {value!r}")
     return float(value)
+
+
+def within_reach(length_scale: float) -> None:
+    """Refuse a length scale at which the kernel matrix means nothing."""
+    if not SHORTEST_LENGTH_SCALE <= length_scale <= LONGEST_LENGTH_SCALE:
+        raise SettingsError(
+            f"length_scale: expected {SHORTEST_LENGTH_SCALE} to {LONGEST_LENGTH_SCALE:g}, "
+            f"got {length_scale!r}"
+        )
 
 
 def whole(name: str, value: object) -> None:

@@ -90,7 +90,7 @@ def studio(
 ) -> Iterator[Studio]:
     """A studio with nothing in it, which renders no videos."""
     settings.data_dir.mkdir()
-    shutil.copyfile(empty_database, _file(settings))
+    shutil.copyfile(empty_database, database_file(settings))
     studio = open_studio(settings, now=clock.now, background=background)
     yield studio
     studio.close()
@@ -149,11 +149,7 @@ class StudyShelf:
 
     def put_into(self, studio: Studio, plan: str) -> None:
         """Replace what the studio's database holds by the open study of this plan."""
-        with (
-            closing(sqlite3.connect(self._database(plan))) as source,
-            closing(sqlite3.connect(_file(studio.settings))) as target,
-        ):
-            source.backup(target)
+        copy_database(self._database(plan), database_file(studio.settings))
 
     def _database(self, plan: str) -> Path:
         if plan not in self._made:
@@ -164,12 +160,18 @@ class StudyShelf:
             studies.create(studio, folder)
             studies.open_study(studio, folder.plan.slug)
             studio.close()
-            self._made[plan] = _file(settings)
+            self._made[plan] = database_file(settings)
         return self._made[plan]
 
 
-def _file(settings: Settings) -> Path:
+def database_file(settings: Settings) -> Path:
     return settings.data_dir / "pbpo.sqlite3"
+
+
+def copy_database(source: Path, target: Path) -> None:
+    """Replace what a database holds by what another one does; either may be open."""
+    with closing(sqlite3.connect(source)) as read, closing(sqlite3.connect(target)) as written:
+        read.backup(written)
 
 
 @pytest.fixture(scope="session")

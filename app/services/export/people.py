@@ -43,7 +43,9 @@ def _sessions_columns(_plan: Plan) -> tuple[Column, ...]:
         MODE,
         text("language", "Language of the pages."),
         integer("order_index", "Which order of conditions the session was given."),
-        text("conditions", "Names of the conditions in the order of the trials."),
+        text(
+            "conditions", "Names of the conditions in the order of the trials, with '; ' between."
+        ),
         text("stage", "Where the session stands."),
         integer("trials_finished", "Trials that have all their responses."),
         text("consent_version", "Version of the consent that was agreed to."),
@@ -78,7 +80,8 @@ def _sessions_rows(session: Session, request: Request) -> Iterator[Row]:
             row.mode,
             row.language,
             row.order_index,
-            " ".join(conditions[index] for index in row.trial_conditions),
+            # A name may hold spaces, but no semicolon.
+            "; ".join(conditions[index] for index in row.trial_conditions),
             row.stage,
             trials_finished or 0,
             row.consent_version,

@@ -68,17 +68,20 @@ def belief_over(
     prior: one worked out before for these candidates and this signal variance, used again if its
     length scale is still the one wanted.
     """
-    length_scale = settings.length_scale
-    if settings.optimise_kernel and preferences:
-        # PyTorch takes seconds to import; only this setting needs it.
-        from app.pbbo.evidence import best_length_scale  # noqa: PLC0415
+    try:
+        length_scale = settings.length_scale
+        if settings.optimise_kernel and preferences:
+            # PyTorch takes seconds to import; only this setting needs it.
+            from app.pbbo.evidence import best_length_scale  # noqa: PLC0415
 
-        length_scale = best_length_scale(candidates.points, tally(preferences), settings)
-    if prior is None or prior.length_scale != length_scale:
-        prior = prior_over(candidates, length_scale, settings.signal_variance)
-    if not preferences:
-        return unlearned(prior)
-    return posterior_of(prior, preferences, settings.epsilon)
+            length_scale = best_length_scale(candidates.points, tally(preferences), settings)
+        if prior is None or prior.length_scale != length_scale:
+            prior = prior_over(candidates, length_scale, settings.signal_variance)
+        if not preferences:
+            return unlearned(prior)
+        return posterior_of(prior, preferences, settings.epsilon)
+    except np.linalg.LinAlgError as error:
+        raise FitError(f"model: {error} ({len(preferences)} preferences)") from error
 
 
 def unlearned(prior: Prior) -> Posterior:
@@ -101,7 +104,7 @@ class Whitened:
     """Preferences as probit answers about whitened variables z = whiten @ f[seen].
 
     seen: (p,), the candidates in them.  whiten: (r, p), r the smaller of p and the number of
-    different answers.  answers: what the variational fit takes.
+    pairs compared.  answers: what the variational fit takes.
     """
 
     seen: IndexArray
@@ -116,11 +119,12 @@ def whitened(tally: "Tally", covariance: FloatArray, epsilon: float) -> Whitened
         raise FitError(f"model: the covariance of {len(covariance)} candidates does not factorise")
     whiten, _ = lapack.dtrtri(root, lower=1)  # (p, p)
     features = root[tally.winner] - root[tally.loser]  # (m, p)
-    if len(features) < len(root):
-        # Fewer answers than candidates in them: only their span matters.
-        basis, triangle = np.linalg.qr(features.T)
-        features = np.ascontiguousarray(triangle.T)  # (m, m)
-        whiten = basis.T @ whiten  # (m, p)
+    compared = np.unique(np.sort(np.column_stack([tally.winner, tally.loser]), axis=1), axis=0)
+    if len(compared) < len(root):
+        # Fewer pairs compared than candidates in them: only what the pairs span matters.
+        basis, _ = np.linalg.qr((root[compared[:, 0]] - root[compared[:, 1]]).T)
+        features = features @ basis  # (m, r)
+        whiten = basis.T @ whiten  # (r, p)
     answers = Answers(features, tally.counts, float(np.sqrt(2.0)) * epsilon)
     return Whitened(tally.seen, whiten, answers)
 

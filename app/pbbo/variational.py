@@ -37,7 +37,7 @@ ROUGH: Final = 0.3
 # On the last: about how far a mean may lie from its optimum, in posterior standard deviations.
 TOLERANCE: Final = 1e-6
 # A fit that stalls in rounding noise is still a fit if it stalls this close.
-ACCEPTABLE: Final = 1e-2
+ACCEPTABLE: Final = 3e-2
 STEPS: Final = 60
 MEAN_STEPS: Final = 6
 # Relative change of the bound that rounding alone can cause.

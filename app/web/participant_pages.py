@@ -14,7 +14,7 @@ from app.services.errors import (
     SignInRequiredError,
     StudyNotOpenError,
 )
-from app.services.state import State
+from app.services.state import ENDED, State
 from app.services.studio import Studio
 from app.study.protocol import ProtocolError
 
@@ -64,11 +64,11 @@ def consent(
     if token is None or not _is_known(studio, token):
         entrance = admission.entrance(studio, slug)
         if version != entrance.consent["version"]:
-            return _to_stage(request, slug)
+            return _to_stage(slug)
         token, _ = admission.start(
             studio, slug, external_ids=_external_ids(request), language=entrance.language
         )
-    response = _do(request, slug, lambda: participation.consent(studio, token, version))
+    response = _do(slug, lambda: participation.consent(studio, token, version))
     set_cookie(response, studio, session_cookie(slug), token, max_age=SESSION_COOKIE_SECONDS)
     return response
 
@@ -79,24 +79,29 @@ def decline(slug: str, request: Request, studio: StudioDep) -> Response:
     token = request.cookies.get(session_cookie(slug))
     if token is None or not _is_known(studio, token):
         return _page(request, slug, "participant/declined.html", _TITLES["declined"])
-    return _do(request, slug, lambda: participation.withdraw(studio, token))
+    return _do(slug, lambda: participation.withdraw(studio, token))
 
 
 @router.post("/continue")
 def go_on(slug: str, request: Request, studio: StudioDep) -> Response:
-    return _do(request, slug, lambda: participation.go_on(studio, _token(request, slug)))
+    return _do(slug, lambda: participation.go_on(studio, _token(request, slug)))
 
 
 @router.get("/withdraw")
 def ask_to_withdraw(slug: str, request: Request, studio: StudioDep) -> Response:
     """What stopping means, before one does."""
-    state = participation.current(studio, _token(request, slug))
+    try:
+        state = participation.current(studio, _token(request, slug))
+    except (SignInRequiredError, SessionExpiredError):
+        return _to_stage(slug)
+    if state["stage"] in ENDED:
+        return _to_stage(slug)
     return _page(request, slug, "participant/withdraw.html", "Stop taking part?", state)
 
 
 @router.post("/withdraw")
 def withdraw(slug: str, request: Request, studio: StudioDep) -> Response:
-    return _do(request, slug, lambda: participation.withdraw(studio, _token(request, slug)))
+    return _do(slug, lambda: participation.withdraw(studio, _token(request, slug)))
 
 
 def _entrance(request: Request, slug: str, studio: Studio) -> Response:
@@ -161,15 +166,15 @@ def _page(
     return page(request, template, values, status_code=status)
 
 
-def _do(request: Request, slug: str, action: Any) -> Response:
+def _do(slug: str, action: Any) -> Response:
     """Do it, and show the stage the session is in then: also if it was out of order."""
     # A second click, another tab, the way back: the page of the stage says what is to be done.
     with suppress(ProtocolError, SignInRequiredError, SessionExpiredError):
         action()
-    return _to_stage(request, slug)
+    return _to_stage(slug)
 
 
-def _to_stage(request: Request, slug: str) -> Response:
+def _to_stage(slug: str) -> Response:
     return RedirectResponse(f"/s/{slug}", status_code=303)
 
 

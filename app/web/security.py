@@ -164,11 +164,6 @@ class Guard:
         if scope["type"] != "http":
             await self._app(scope, receive, send)
             return
-        site = Headers(scope=scope).get("sec-fetch-site", "same-origin")
-        if scope["method"] not in _SAFE_METHODS and site == "cross-site":
-            refusal = Response("This request came from another site.", 403, media_type="text/plain")
-            await refusal(scope, receive, send)
-            return
 
         async def send_with_headers(message: Message) -> None:
             if message["type"] == "http.response.start":
@@ -176,5 +171,11 @@ class Guard:
                 for name, value in _HEADERS:
                     headers.setdefault(name, value)
             await send(message)
+
+        site = Headers(scope=scope).get("sec-fetch-site", "same-origin")
+        if scope["method"] not in _SAFE_METHODS and site == "cross-site":
+            refusal = Response("This request came from another site.", 403, media_type="text/plain")
+            await refusal(scope, receive, send_with_headers)
+            return
 
         await self._app(scope, receive, send_with_headers)

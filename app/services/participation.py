@@ -12,7 +12,7 @@ from datetime import datetime
 
 import numpy as np
 from sqlalchemy import func, select
-from sqlalchemy.orm import Session, selectinload
+from sqlalchemy.orm import Session, contains_eager, joinedload, selectinload
 
 from app.pbbo import allows_skip
 from app.storage.tables import (
@@ -109,7 +109,7 @@ def respond(studio: Studio, token: str, answer: Answer) -> State:
             raise SkipNotOfferedError(
                 "expected left or right: this query offers no skip", row.stage
             )
-        history = session_state.history_of(query.trial.queries)
+        history = session_state.read_history(session, query.trial_id)
     # The fit, if it was not worked out ahead: between two transactions, inside none.
     pressed = (query.left_candidate, query.right_candidate, answer.response)
     step = studio.proposer.step(trial, (*history, pressed))
@@ -126,7 +126,7 @@ def respond(studio: Studio, token: str, answer: Answer) -> State:
         _store_lessons(session, query, step)
         if row.stage == Stage.QUERY and row.trial_index == query.trial.trial_index:
             assert step.next is not None
-            query.trial.queries.append(_query_row(step.next, now))
+            session.add(_query_row(step.next, now, trial_id=query.trial_id))
         else:
             query.trial.ended_at = now
             if row.stage == Stage.QUERY:
@@ -153,10 +153,14 @@ def _session(studio: Studio, session: Session, token: str, *, to_write: bool = F
     statement = (
         select(SessionRow)
         .where(SessionRow.token_hash == secret_hash(token))
-        .options(selectinload(SessionRow.trials))
+        .options(
+            selectinload(SessionRow.trials),
+            joinedload(SessionRow.plan),
+            joinedload(SessionRow.study),
+        )
     )
     if to_write:
-        statement = statement.with_for_update()
+        statement = statement.with_for_update(of=SessionRow)
     row = session.scalar(statement)
     if row is None:
         raise SignInRequiredError("expected the token of a session, got one that nobody was given")
@@ -208,8 +212,9 @@ def _first_query(studio: Studio, row: SessionRow) -> NextQuery:
     return first
 
 
-def _query_row(following: NextQuery, now: datetime) -> QueryRow:
+def _query_row(following: NextQuery, now: datetime, trial_id: int | None = None) -> QueryRow:
     return QueryRow(
+        trial_id=trial_id,
         public_id=new_public_id(),
         query_index=following.query_index,
         trial_type=following.trial_type,
@@ -230,6 +235,7 @@ def _query_of(session: Session, row: SessionRow, public_id: str) -> QueryRow:
         select(QueryRow)
         .join(Trial, QueryRow.trial_id == Trial.id)
         .where(QueryRow.public_id == public_id, Trial.session_id == row.id)
+        .options(contains_eager(QueryRow.trial), joinedload(QueryRow.response))
     )
     if query is None:
         if row.stage != Stage.QUERY:

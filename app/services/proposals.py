@@ -21,6 +21,7 @@ from app.pbbo import (
     ENGINE_VERSION,
     Preference,
     PreferenceOptimizer,
+    Query,
     allows_skip,
     has_posterior,
 )
@@ -78,7 +79,7 @@ class TrialInHand:
 
 @dataclass(frozen=True)
 class NextQuery:
-    """A query to be stored and shown."""
+    """A query to be stored and shown. `likelier` is the side that the model expects to win."""
 
     query_index: int
     trial_type: str
@@ -89,6 +90,7 @@ class NextQuery:
     acquisition: str
     seed: int
     engine_version: str
+    likelier: str
 
 
 @dataclass(frozen=True)
@@ -153,7 +155,7 @@ class Proposer:
         self, trial: TrialInHand, history: History, pair: tuple[int, int]
     ) -> list[NextQuery]:
         """The next queries that are worked out already, the likeliest first."""
-        futures = _futures(trial, history, pair)
+        futures = self._futures(trial, history, pair)
         with self._lock:
             steps = [self._steps.get((trial.seed, after)) for after in futures]
         return [step.next for step in steps if step is not None and step.next is not None]
@@ -163,8 +165,20 @@ class Proposer:
         for clip in clips:
             self._render(clip)
 
+    def _futures(
+        self, trial: TrialInHand, history: History, pair: tuple[int, int]
+    ) -> list[History]:
+        """What the history may be after the open query, the likeliest first."""
+        with self._lock:
+            step = self._steps.get((trial.seed, history))
+        likelier = step.next.likelier if step is not None and step.next is not None else "left"
+        responses = ["left", "right"] if likelier == "left" else ["right", "left"]
+        if allows_skip(trial.method):
+            responses.append("skip")
+        return [(*history, (*pair, response)) for response in responses]
+
     def _work_ahead(self, trial: TrialInHand, history: History, pair: tuple[int, int]) -> None:
-        for after in _futures(trial, history, pair):
+        for after in self._futures(trial, history, pair):
             step = self.step(trial, after)
             if step.next is not None:
                 self.render([step.next.left, step.next.right])
@@ -203,7 +217,15 @@ def _next_query(space: Space, trial: TrialInHand, optimizer: PreferenceOptimizer
         acquisition=query.acquisition,
         seed=query.seed,
         engine_version=ENGINE_VERSION,
+        likelier=_likelier(optimizer, trial.method, query),
     )
+
+
+def _likelier(optimizer: PreferenceOptimizer, method: str, query: Query) -> str:
+    if query.trial_type != "model" or not has_posterior(method):
+        return "left"
+    mean, _ = optimizer.posterior()
+    return "left" if mean[query.left] >= mean[query.right] else "right"
 
 
 def _acquired(optimizer: PreferenceOptimizer, method: str) -> AcquiredCandidate:
@@ -212,11 +234,6 @@ def _acquired(optimizer: PreferenceOptimizer, method: str) -> AcquiredCandidate:
         return AcquiredCandidate(best, None, None)
     mean, std = optimizer.posterior()
     return AcquiredCandidate(best, float(mean[best]), float(std[best]))
-
-
-def _futures(trial: TrialInHand, history: History, pair: tuple[int, int]) -> list[History]:
-    responses = ["left", "right", "skip"] if allows_skip(trial.method) else ["left", "right"]
-    return [(*history, (*pair, response)) for response in responses]
 
 
 def _read_space(database: Database, study_id: int, environment: str) -> Space:

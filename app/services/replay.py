@@ -6,13 +6,13 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from sqlalchemy import select
-from sqlalchemy.orm import selectinload
+from sqlalchemy.orm import Session, selectinload
 
-from app.storage.tables import QueryRow, SessionRow, Trial
+from app.storage.tables import SessionRow, Trial
 
 from . import studies
 from .proposals import work_out
-from .state import history_of, trial_in_hand
+from .state import read_history, trial_in_hand
 from .studio import Studio
 
 
@@ -45,7 +45,7 @@ def replay(studio: Studio, slug: str) -> Iterator[Replayed]:
             .join(SessionRow, Trial.session_id == SessionRow.id)
             .where(SessionRow.study_id == study.id)
             .order_by(SessionRow.id, Trial.trial_index)
-            .options(selectinload(Trial.queries).selectinload(QueryRow.response))
+            .options(selectinload(Trial.queries))
         )
         for trial in trials:
             yield Replayed(
@@ -53,15 +53,16 @@ def replay(studio: Studio, slug: str) -> Iterator[Replayed]:
                 trial_index=trial.trial_index,
                 condition=trial.condition,
                 queries=len(trial.queries),
-                differences=tuple(_differences(studio, trial)),
+                differences=tuple(_differences(studio, session, trial)),
             )
 
 
-def _differences(studio: Studio, trial: Trial) -> Iterator[Difference]:
+def _differences(studio: Studio, session: Session, trial: Trial) -> Iterator[Difference]:
     in_hand = trial_in_hand(trial.session, trial.trial_index, trial.seed)
     space = studio.proposer.space(in_hand.study_id, in_hand.environment)
+    history = read_history(session, trial.id)
     for index, query in enumerate(trial.queries):
-        following = work_out(space, in_hand, history_of(trial.queries[:index])).next
+        following = work_out(space, in_hand, history[:index]).next
         assert following is not None
         stored = (
             query.left_candidate,

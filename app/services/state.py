@@ -5,15 +5,16 @@ No parameter, score, method or condition is in here, and recordings are addresse
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from datetime import datetime
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from sqlalchemy.orm import Session
+from sqlalchemy import select
+from sqlalchemy.orm import Session, joinedload
 
-from app.storage.tables import QueryRow, SessionRow
+from app.storage.tables import QueryRow, Response, SessionRow
 from app.study import texts
 from app.study.assignment import sample_familiarisation
 from app.study.plan import Plan
@@ -43,6 +44,7 @@ def describe(studio: Studio, session: Session, row: SessionRow) -> State:
             "slug": row.study.slug,
             "title": plan.text(plan.title, row.language),
             "contact": plan.contact,
+            "break_s": plan.break_s,
         },
         "language": row.language,
     }
@@ -108,11 +110,6 @@ def familiarisation_clips(studio: Studio, row: SessionRow) -> tuple[Clip, ...]:
     return tuple(clips[index] for index in drawn)
 
 
-def open_query(row: SessionRow) -> QueryRow:
-    """The query that the session is at, in stage query."""
-    return row.trials[row.trial_index].queries[row.query_index]
-
-
 def trial_in_hand(row: SessionRow, trial_index: int, seed: int) -> TrialInHand:
     plan = stored_plan(row.plan)
     condition = plan.conditions[row.trial_conditions[trial_index]]
@@ -126,21 +123,27 @@ def trial_in_hand(row: SessionRow, trial_index: int, seed: int) -> TrialInHand:
     )
 
 
-def history_of(queries: Sequence[QueryRow]) -> History:
+def read_history(session: Session, trial_id: int) -> History:
     """The answered queries of one trial, in order."""
-    return tuple(
-        (query.left_candidate, query.right_candidate, query.response.response)
-        for query in queries
-        if query.response is not None
+    rows = session.execute(
+        select(QueryRow.left_candidate, QueryRow.right_candidate, Response.response)
+        .join(Response, Response.query_id == QueryRow.id)
+        .where(QueryRow.trial_id == trial_id)
+        .order_by(QueryRow.query_index)
     )
+    return tuple((left, right, response) for left, right, response in rows)
 
 
 def _query(studio: Studio, session: Session, row: SessionRow, plan: Plan) -> dict[str, Any]:
-    query = open_query(row)
     trial = row.trials[row.trial_index]
+    query = session.scalars(
+        select(QueryRow)
+        .where(QueryRow.trial_id == trial.id, QueryRow.query_index == row.query_index)
+        .options(joinedload(QueryRow.left_recording), joinedload(QueryRow.right_recording))
+    ).one()
     condition = plan.conditions[row.trial_conditions[row.trial_index]]
     in_hand = trial_in_hand(row, row.trial_index, trial.seed)
-    history = history_of(trial.queries)
+    history = read_history(session, trial.id)
     pair = (query.left_candidate, query.right_candidate)
     upcoming = studio.proposer.upcoming(in_hand, history, pair)
     if len(history) + 1 < in_hand.queries:

@@ -3,9 +3,9 @@
  *
  * @typedef {{url: string, duration_s: number}} Recording
  * @typedef {{id: string, left: Recording, right: Recording, skip: null | {label: string}, prefetch: string[]}} Query
- * @typedef {{trial: number, trials: number, query: number, queries: number, break_s?: number}} Progress
+ * @typedef {{trial: number, trials: number, query: number, queries: number}} Progress
  * @typedef {{
- *   stage: string, progress: Progress, query?: Query,
+ *   stage: string, progress: Progress, study: {break_s: number}, query?: Query,
  *   break?: {ends_at: string, seconds_left: number},
  *   familiarisation?: {videos: Recording[], required: number},
  * }} State

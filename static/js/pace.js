@@ -38,9 +38,10 @@ export class Pace {
 
   /**
    * @param {import("./api.js").Progress} progress
+   * @param {number} breakSeconds length of the break after a trial
    * @returns {string} such as "About 12 min left"
    */
-  left({ trial, trials, query, queries, break_s: breakSeconds = 0 }) {
+  left({ trial, trials, query, queries }, breakSeconds) {
     const comparisons = (trials - trial) * queries + queries - query + 1;
     const seconds = comparisons * this.#typical() + (trials - trial) * breakSeconds;
     const minutes = Math.round(seconds / 60);

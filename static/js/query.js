@@ -106,7 +106,7 @@ function say() {
   const bar = /** @type {HTMLProgressElement} */ (byId("progress-bar"));
   bar.max = trials * queries;
   bar.value = (trial - 1) * queries + number - 1;
-  byId("time-left").textContent = pace.left(state.progress);
+  byId("time-left").textContent = pace.left(state.progress, state.study.break_s);
 }
 
 /**
@@ -286,5 +286,5 @@ window.addEventListener("pageshow", (event) => {
   }
 });
 
-byId("time-left").textContent = pace.left(state.progress);
+byId("time-left").textContent = pace.left(state.progress, state.study.break_s);
 show();

@@ -8,7 +8,7 @@ from them and could be worked out again. Ids of platforms live in `identities` a
 from __future__ import annotations
 
 from datetime import datetime
-from typing import Any
+from typing import Any, ClassVar
 
 from sqlalchemy import (
     JSON,
@@ -36,7 +36,7 @@ NAMING = {
 
 class Base(DeclarativeBase):
     metadata = MetaData(naming_convention=NAMING)
-    type_annotation_map = {datetime: UtcDateTime, dict[str, Any]: JSON, list[int]: JSON}
+    type_annotation_map: ClassVar = {datetime: UtcDateTime, dict[str, Any]: JSON, list[int]: JSON}
 
 
 def _one_of(column: str, *values: str) -> CheckConstraint:
@@ -45,7 +45,7 @@ def _one_of(column: str, *values: str) -> CheckConstraint:
 
 
 class Study(Base):
-    """One experiment. Its plan may have several versions; sessions hold on to the one they began."""
+    """One experiment. Its plan may have versions; a session holds on to the one it began."""
 
     __tablename__ = "studies"
     __table_args__ = (_one_of("status", "draft", "open", "closed"),)
@@ -110,7 +110,7 @@ class Recording(Base):
     run_index: Mapped[int]
     public_id: Mapped[str] = mapped_column(String(32), unique=True)
     source: Mapped[str] = mapped_column(String(10))
-    # For a file: its content's SHA-256 and ending. For the crane: nothing, its place says which run.
+    # For a file: its content's SHA-256 and ending. For the crane: environment/candidate/run.
     locator: Mapped[str] = mapped_column(String(200))
     duration_s: Mapped[float]
     score: Mapped[float | None]

@@ -150,15 +150,20 @@ class SessionRow(Base):
         _one_of("mode", "live", "preview", "simulated"),
         _one_of(
             "stage",
+            "welcome",
             "consent",
+            "device_check",
             "instructions",
             "familiarisation",
+            "practice",
             "query",
+            "questionnaire",
             "break",
             "debrief",
             "completed",
             "withdrawn",
             "declined",
+            "screened_out",
         ),
         CheckConstraint("trial_index >= 0 AND query_index >= 0", name="position"),
         Index("ix_sessions_study_mode_stage", "study_id", "mode", "stage"),
@@ -183,6 +188,12 @@ class SessionRow(Base):
     break_ends_at: Mapped[datetime | None]
     consent_version: Mapped[str | None] = mapped_column(String(12))
     consented_at: Mapped[datetime | None]
+    # How the person came: a recruitment platform's name, or None for a plain link.
+    platform: Mapped[str | None] = mapped_column(String(20))
+    # Hash of the code with which the person can ask for deletion later, without an account.
+    receipt_hash: Mapped[str | None] = mapped_column(String(64), unique=True)
+    # Places in the familiarisation playlist that were watched to the end.
+    watched: Mapped[list[int]] = mapped_column(default=list)
     started_at: Mapped[datetime]
     last_seen_at: Mapped[datetime]
     ended_at: Mapped[datetime | None]
@@ -224,7 +235,9 @@ class QueryRow(Base):
     __tablename__ = "queries"
     __table_args__ = (
         # One proposal for one place: two tabs, a retry or two servers cannot make a second one.
-        UniqueConstraint("trial_id", "query_index"),
+        # A query set aside for a technical fault is followed by another attempt at its place.
+        UniqueConstraint("trial_id", "query_index", "attempt"),
+        CheckConstraint("attempt >= 0", name="attempt"),
         CheckConstraint("left_candidate <> right_candidate", name="two_candidates"),
         CheckConstraint("query_index >= 0", name="query_index"),
     )
@@ -233,6 +246,7 @@ class QueryRow(Base):
     public_id: Mapped[str] = mapped_column(String(32), unique=True)
     trial_id: Mapped[int] = mapped_column(ForeignKey("trials.id", ondelete="CASCADE"))
     query_index: Mapped[int]
+    attempt: Mapped[int] = mapped_column(default=0)
     trial_type: Mapped[str] = mapped_column(String(20))
     left_candidate: Mapped[int]
     right_candidate: Mapped[int]
@@ -243,6 +257,11 @@ class QueryRow(Base):
     engine_version: Mapped[str] = mapped_column(String(40))
     created_at: Mapped[datetime]
     shown_at: Mapped[datetime | None]
+    # For a planned repeat: the query of this trial that it shows again, sides swapped.
+    repeats_query_index: Mapped[int | None]
+    # Set aside for a technical fault: it never reaches the model and is replaced.
+    set_aside_at: Mapped[datetime | None]
+    fault: Mapped[str | None] = mapped_column(String(200))
 
     trial: Mapped[Trial] = relationship(back_populates="queries")
     left_recording: Mapped[Recording] = relationship(foreign_keys=[left_recording_id])
@@ -269,6 +288,21 @@ class Response(Base):
     answered_at: Mapped[datetime]
 
     query: Mapped[QueryRow] = relationship(back_populates="response")
+
+
+class UndoneResponse(Base):
+    """A response that its evaluator took back at once: kept for the record, never learnt from."""
+
+    __tablename__ = "undone_responses"
+    __table_args__ = (_one_of("response", "left", "right", "skip"),)
+
+    id: Mapped[int] = mapped_column(primary_key=True)
+    query_id: Mapped[int] = mapped_column(ForeignKey("queries.id", ondelete="CASCADE"), index=True)
+    response: Mapped[str] = mapped_column(String(10))
+    skip_reason: Mapped[str | None] = mapped_column(String(60))
+    rt_ms: Mapped[float | None]
+    answered_at: Mapped[datetime]
+    undone_at: Mapped[datetime]
 
 
 class PreferenceRow(Base):
@@ -322,3 +356,42 @@ class Event(Base):
     side: Mapped[str | None] = mapped_column(String(5))
     time_ms: Mapped[float]
     value: Mapped[str | None] = mapped_column(Text)
+
+
+class QuestionnaireAnswer(Base):
+    """An answer to one item of a questionnaire, after a trial or (trial_index -1) at the end."""
+
+    __tablename__ = "questionnaire_answers"
+    __table_args__ = (UniqueConstraint("session_id", "trial_index", "item"),)
+
+    id: Mapped[int] = mapped_column(primary_key=True)
+    session_id: Mapped[int] = mapped_column(ForeignKey("sessions.id", ondelete="CASCADE"))
+    trial_index: Mapped[int]
+    item: Mapped[str] = mapped_column(String(60))
+    value: Mapped[str | None] = mapped_column(Text)
+    answered_at: Mapped[datetime]
+
+
+class EntryLink(Base):
+    """A link of the study's own that lets one person in once."""
+
+    __tablename__ = "entry_links"
+
+    id: Mapped[int] = mapped_column(primary_key=True)
+    study_id: Mapped[int] = mapped_column(ForeignKey("studies.id", ondelete="CASCADE"), index=True)
+    token_hash: Mapped[str] = mapped_column(String(64), unique=True)
+    label: Mapped[str] = mapped_column(String(100))
+    created_at: Mapped[datetime]
+    used_at: Mapped[datetime | None]
+
+
+class Tombstone(Base):
+    """That a session was deleted at its person's wish: for the count, nothing of the person."""
+
+    __tablename__ = "tombstones"
+
+    id: Mapped[int] = mapped_column(primary_key=True)
+    study_id: Mapped[int] = mapped_column(ForeignKey("studies.id", ondelete="CASCADE"), index=True)
+    mode: Mapped[str] = mapped_column(String(10))
+    stage: Mapped[str] = mapped_column(String(16))
+    deleted_at: Mapped[datetime]

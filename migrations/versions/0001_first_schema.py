@@ -75,6 +75,26 @@ def upgrade() -> None:
         ),
     )
     op.create_table(
+        "entry_links",
+        sa.Column("id", sa.Integer(), nullable=False),
+        sa.Column("study_id", sa.Integer(), nullable=False),
+        sa.Column("token_hash", sa.String(length=64), nullable=False),
+        sa.Column("label", sa.String(length=100), nullable=False),
+        sa.Column("created_at", sa.DateTime(timezone=True), nullable=False),
+        sa.Column("used_at", sa.DateTime(timezone=True), nullable=True),
+        sa.ForeignKeyConstraint(
+            ["study_id"],
+            ["studies.id"],
+            name=op.f("fk_entry_links_study_id_studies"),
+            ondelete="CASCADE",
+        ),
+        sa.PrimaryKeyConstraint("id", name=op.f("pk_entry_links")),
+        sa.UniqueConstraint("token_hash", name=op.f("uq_entry_links_token_hash")),
+    )
+    with op.batch_alter_table("entry_links", schema=None) as batch_op:
+        batch_op.create_index(batch_op.f("ix_entry_links_study_id"), ["study_id"], unique=False)
+
+    op.create_table(
         "participants",
         sa.Column("id", sa.Integer(), nullable=False),
         sa.Column("study_id", sa.Integer(), nullable=False),
@@ -123,6 +143,24 @@ def upgrade() -> None:
         sa.PrimaryKeyConstraint("id", name=op.f("pk_sign_ins")),
         sa.UniqueConstraint("token_hash", name=op.f("uq_sign_ins_token_hash")),
     )
+    op.create_table(
+        "tombstones",
+        sa.Column("id", sa.Integer(), nullable=False),
+        sa.Column("study_id", sa.Integer(), nullable=False),
+        sa.Column("mode", sa.String(length=10), nullable=False),
+        sa.Column("stage", sa.String(length=16), nullable=False),
+        sa.Column("deleted_at", sa.DateTime(timezone=True), nullable=False),
+        sa.ForeignKeyConstraint(
+            ["study_id"],
+            ["studies.id"],
+            name=op.f("fk_tombstones_study_id_studies"),
+            ondelete="CASCADE",
+        ),
+        sa.PrimaryKeyConstraint("id", name=op.f("pk_tombstones")),
+    )
+    with op.batch_alter_table("tombstones", schema=None) as batch_op:
+        batch_op.create_index(batch_op.f("ix_tombstones_study_id"), ["study_id"], unique=False)
+
     op.create_table(
         "identities",
         sa.Column("id", sa.Integer(), nullable=False),
@@ -181,6 +219,9 @@ def upgrade() -> None:
         sa.Column("break_ends_at", sa.DateTime(timezone=True), nullable=True),
         sa.Column("consent_version", sa.String(length=12), nullable=True),
         sa.Column("consented_at", sa.DateTime(timezone=True), nullable=True),
+        sa.Column("platform", sa.String(length=20), nullable=True),
+        sa.Column("receipt_hash", sa.String(length=64), nullable=True),
+        sa.Column("watched", sa.JSON(), nullable=False),
         sa.Column("started_at", sa.DateTime(timezone=True), nullable=False),
         sa.Column("last_seen_at", sa.DateTime(timezone=True), nullable=False),
         sa.Column("ended_at", sa.DateTime(timezone=True), nullable=True),
@@ -189,7 +230,7 @@ def upgrade() -> None:
             "mode IN ('live', 'preview', 'simulated')", name=op.f("ck_sessions_mode")
         ),
         sa.CheckConstraint(
-            "stage IN ('consent', 'instructions', 'familiarisation', 'query', 'break', 'debrief', 'completed', 'withdrawn', 'declined')",
+            "stage IN ('welcome', 'consent', 'device_check', 'instructions', 'familiarisation', 'practice', 'query', 'questionnaire', 'break', 'debrief', 'completed', 'withdrawn', 'declined', 'screened_out')",
             name=op.f("ck_sessions_stage"),
         ),
         sa.CheckConstraint(
@@ -210,6 +251,7 @@ def upgrade() -> None:
         ),
         sa.PrimaryKeyConstraint("id", name=op.f("pk_sessions")),
         sa.UniqueConstraint("public_id", name=op.f("uq_sessions_public_id")),
+        sa.UniqueConstraint("receipt_hash", name=op.f("uq_sessions_receipt_hash")),
         sa.UniqueConstraint("token_hash", name=op.f("uq_sessions_token_hash")),
     )
     with op.batch_alter_table("sessions", schema=None) as batch_op:
@@ -244,6 +286,28 @@ def upgrade() -> None:
     with op.batch_alter_table("events", schema=None) as batch_op:
         batch_op.create_index("ix_events_session_id", ["session_id"], unique=False)
 
+    op.create_table(
+        "questionnaire_answers",
+        sa.Column("id", sa.Integer(), nullable=False),
+        sa.Column("session_id", sa.Integer(), nullable=False),
+        sa.Column("trial_index", sa.Integer(), nullable=False),
+        sa.Column("item", sa.String(length=60), nullable=False),
+        sa.Column("value", sa.Text(), nullable=True),
+        sa.Column("answered_at", sa.DateTime(timezone=True), nullable=False),
+        sa.ForeignKeyConstraint(
+            ["session_id"],
+            ["sessions.id"],
+            name=op.f("fk_questionnaire_answers_session_id_sessions"),
+            ondelete="CASCADE",
+        ),
+        sa.PrimaryKeyConstraint("id", name=op.f("pk_questionnaire_answers")),
+        sa.UniqueConstraint(
+            "session_id",
+            "trial_index",
+            "item",
+            name=op.f("uq_questionnaire_answers_session_id_trial_index_item"),
+        ),
+    )
     op.create_table(
         "trials",
         sa.Column("id", sa.Integer(), nullable=False),
@@ -314,6 +378,7 @@ def upgrade() -> None:
         sa.Column("public_id", sa.String(length=32), nullable=False),
         sa.Column("trial_id", sa.Integer(), nullable=False),
         sa.Column("query_index", sa.Integer(), nullable=False),
+        sa.Column("attempt", sa.Integer(), nullable=False),
         sa.Column("trial_type", sa.String(length=20), nullable=False),
         sa.Column("left_candidate", sa.Integer(), nullable=False),
         sa.Column("right_candidate", sa.Integer(), nullable=False),
@@ -324,6 +389,10 @@ def upgrade() -> None:
         sa.Column("engine_version", sa.String(length=40), nullable=False),
         sa.Column("created_at", sa.DateTime(timezone=True), nullable=False),
         sa.Column("shown_at", sa.DateTime(timezone=True), nullable=True),
+        sa.Column("repeats_query_index", sa.Integer(), nullable=True),
+        sa.Column("set_aside_at", sa.DateTime(timezone=True), nullable=True),
+        sa.Column("fault", sa.String(length=200), nullable=True),
+        sa.CheckConstraint("attempt >= 0", name=op.f("ck_queries_attempt")),
         sa.CheckConstraint(
             "left_candidate <> right_candidate", name=op.f("ck_queries_two_candidates")
         ),
@@ -344,7 +413,10 @@ def upgrade() -> None:
         sa.PrimaryKeyConstraint("id", name=op.f("pk_queries")),
         sa.UniqueConstraint("public_id", name=op.f("uq_queries_public_id")),
         sa.UniqueConstraint(
-            "trial_id", "query_index", name=op.f("uq_queries_trial_id_query_index")
+            "trial_id",
+            "query_index",
+            "attempt",
+            name=op.f("uq_queries_trial_id_query_index_attempt"),
         ),
     )
     op.create_table(
@@ -368,14 +440,43 @@ def upgrade() -> None:
         sa.PrimaryKeyConstraint("id", name=op.f("pk_responses")),
         sa.UniqueConstraint("query_id", name=op.f("uq_responses_query_id")),
     )
+    op.create_table(
+        "undone_responses",
+        sa.Column("id", sa.Integer(), nullable=False),
+        sa.Column("query_id", sa.Integer(), nullable=False),
+        sa.Column("response", sa.String(length=10), nullable=False),
+        sa.Column("skip_reason", sa.String(length=60), nullable=True),
+        sa.Column("rt_ms", sa.Double(), nullable=True),
+        sa.Column("answered_at", sa.DateTime(timezone=True), nullable=False),
+        sa.Column("undone_at", sa.DateTime(timezone=True), nullable=False),
+        sa.CheckConstraint(
+            "response IN ('left', 'right', 'skip')", name=op.f("ck_undone_responses_response")
+        ),
+        sa.ForeignKeyConstraint(
+            ["query_id"],
+            ["queries.id"],
+            name=op.f("fk_undone_responses_query_id_queries"),
+            ondelete="CASCADE",
+        ),
+        sa.PrimaryKeyConstraint("id", name=op.f("pk_undone_responses")),
+    )
+    with op.batch_alter_table("undone_responses", schema=None) as batch_op:
+        batch_op.create_index(
+            batch_op.f("ix_undone_responses_query_id"), ["query_id"], unique=False
+        )
 
 
 def downgrade() -> None:
+    with op.batch_alter_table("undone_responses", schema=None) as batch_op:
+        batch_op.drop_index(batch_op.f("ix_undone_responses_query_id"))
+
+    op.drop_table("undone_responses")
     op.drop_table("responses")
     op.drop_table("queries")
     op.drop_table("preferences")
     op.drop_table("acquired")
     op.drop_table("trials")
+    op.drop_table("questionnaire_answers")
     with op.batch_alter_table("events", schema=None) as batch_op:
         batch_op.drop_index("ix_events_session_id")
 
@@ -387,12 +488,20 @@ def downgrade() -> None:
     op.drop_table("sessions")
     op.drop_table("recordings")
     op.drop_table("identities")
+    with op.batch_alter_table("tombstones", schema=None) as batch_op:
+        batch_op.drop_index(batch_op.f("ix_tombstones_study_id"))
+
+    op.drop_table("tombstones")
     op.drop_table("sign_ins")
     op.drop_table("plans")
     with op.batch_alter_table("participants", schema=None) as batch_op:
         batch_op.drop_index(batch_op.f("ix_participants_study_id"))
 
     op.drop_table("participants")
+    with op.batch_alter_table("entry_links", schema=None) as batch_op:
+        batch_op.drop_index(batch_op.f("ix_entry_links_study_id"))
+
+    op.drop_table("entry_links")
     op.drop_table("candidates")
     op.drop_table("api_tokens")
     op.drop_table("studies")

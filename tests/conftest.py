@@ -13,11 +13,13 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import pytest
+from sqlalchemy import func, select
 
 from app.services import studies
 from app.services.background import Background
 from app.services.settings import Settings
 from app.services.studio import Studio, open_studio
+from app.storage.accounts import Account
 from app.storage.schema import migrate
 
 T = TypeVar("T")
@@ -149,6 +151,9 @@ class StudyShelf:
 
     def put_into(self, studio: Studio, plan: str) -> None:
         """Replace what the studio's database holds by the open study of this plan."""
+        with studio.database.read() as session:
+            accounts = session.scalar(select(func.count(Account.id)))
+            assert accounts == 0, "expected the study first: it takes the place of what is there"
         copy_database(self._database(plan), database_file(studio.settings))
 
     def _database(self, plan: str) -> Path:

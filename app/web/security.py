@@ -136,7 +136,8 @@ def form_token(request: Request) -> str:
 def check_form_token(request: Request, given: str) -> None:
     """Raises ForbiddenError unless the form came from our own page."""
     has_secret = SIGN_IN_COOKIE in request.cookies or FORM_COOKIE in request.cookies
-    if not has_secret or not hmac.compare_digest(form_token(request), given):
+    expected = form_token(request).encode()
+    if not has_secret or not hmac.compare_digest(expected, given.encode(errors="replace")):
         raise ForbiddenError("this form is out of date: go back, reload the page and send it again")
 
 

@@ -34,7 +34,8 @@ class Api:
     def __init__(self, application: FastAPI, **options: Any) -> None:
         self._loop = asyncio.new_event_loop()
         self._client = httpx.AsyncClient(
-            transport=httpx.ASGITransport(application), base_url="http://testserver", **options
+            transport=httpx.ASGITransport(application),
+            **{"base_url": "http://testserver", **options},
         )
 
     def __enter__(self) -> Self:

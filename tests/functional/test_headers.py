@@ -1,0 +1,104 @@
+"""What every response tells a browser, and which requests of other sites are refused."""
+
+from __future__ import annotations
+
+import pytest
+from fastapi import FastAPI
+
+from app.services.settings import Settings
+from app.services.studies import StudyInfo
+from app.services.studio import Studio
+
+from .client import Api
+from .conftest import EMAIL, PASSWORD
+from .test_experimenter_pages import form_token
+
+EXPECTED = {
+    "x-content-type-options": "nosniff",
+    "referrer-policy": "same-origin",
+    "cross-origin-opener-policy": "same-origin",
+}
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        "/",
+        "/s/short",
+        "/s/nowhere",
+        "/nothing",
+        "/sign-in",
+        "/studies",
+        "/openapi.json",
+        "/static/css/app.css",
+        "/api/v1/session",
+        "/media/nothing.mp4",
+    ],
+)
+def test_every_response_forbids_what_our_pages_do_not_need(
+    client: Api, short_study: StudyInfo, path: str
+) -> None:
+    headers = client.get(path).headers
+    policy = headers["content-security-policy"]
+    assert policy.startswith("default-src 'none'; script-src 'self'; style-src 'self';")
+    assert "frame-ancestors 'none'" in policy
+    assert "unsafe" not in policy
+    assert {name: headers[name] for name in EXPECTED} == EXPECTED
+
+
+def test_a_form_of_another_site_is_refused_before_it_is_read(
+    client: Api, short_study: StudyInfo, api_token: str
+) -> None:
+    elsewhere = {"Sec-Fetch-Site": "cross-site"}
+    for path in ("/s/short/consent", "/sign-in", "/api/v1/studies/short/sessions"):
+        refusal = client.post(path, headers=elsewhere)
+        assert refusal.status_code == 403
+        assert "default-src 'none'" in refusal.headers["content-security-policy"]
+    assert client.table("sessions", api_token).empty
+
+
+def test_a_link_on_another_site_leads_in(client: Api, short_study: StudyInfo) -> None:
+    page = client.get("/s/short", headers={"Sec-Fetch-Site": "cross-site"})
+    assert page.status_code == 200
+
+
+def test_pages_hold_no_script_and_no_style_of_their_own(
+    client: Api, short_study: StudyInfo
+) -> None:
+    client.cookies.set("pbpo_session_short", client.start().to_first_query().token)
+    for path in ("/s/short", "/s/short/withdraw", "/sign-in"):
+        page = client.get(path).text
+        assert "<style" not in page
+        assert " style=" not in page
+        assert " onclick=" not in page
+        for tag in page.split("<script")[1:]:
+            assert 'src="/static/' in tag[:80] or 'type="application/json"' in tag[:80]
+
+
+def test_static_files_are_asked_about_again_unless_named_by_their_content(client: Api) -> None:
+    plain = client.get("/static/css/app.css")
+    assert plain.headers["cache-control"] == "no-cache"
+    again = client.get("/static/css/app.css", headers={"If-None-Match": plain.headers["etag"]})
+    assert again.status_code == 304
+    named = client.get("/static/css/app.css?v=0123")
+    assert "immutable" in named.headers["cache-control"]
+
+
+@pytest.mark.parametrize("path", ["/static/../app/main.py", "/static/%2e%2e/app/main.py"])
+def test_nothing_beside_the_static_files_is_given_away(client: Api, path: str) -> None:
+    assert client.get(path).status_code == 404
+
+
+class TestBehindTls:
+    @pytest.fixture
+    def settings(self, settings: Settings) -> Settings:
+        return settings.model_copy(update={"secure_cookies": True})
+
+    def test_cookies_are_sent_over_https_only(
+        self, application: FastAPI, studio: Studio, short_study: StudyInfo, api_token: str
+    ) -> None:
+        with Api(application, base_url="https://testserver") as client:
+            page = client.get("/sign-in")
+            given = {"email": EMAIL, "password": PASSWORD, "csrf_token": form_token(page)}
+            for response in (page, client.post("/sign-in", data=given)):
+                assert "Secure" in response.headers["set-cookie"]

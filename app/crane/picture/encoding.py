@@ -21,7 +21,10 @@ CODEC_OPTIONS = {
     "maxrate": "260k",
     "bufsize": "500k",
     "g": "250",
-    "x264-params": "bframes=0:subme=1:rc-lookahead=10:weightp=0:scenecut=0",
+    # Finer colour than usual, since grey concrete shows every cast; and a word on how the colours
+    # are coded (as the conversion below does it), so that every browser shows the same ones.
+    "x264-params": "bframes=0:subme=1:rc-lookahead=10:weightp=0:scenecut=0:chroma-qp-offset=-4"
+    ":colorprim=smpte170m:transfer=smpte170m:colormatrix=smpte170m:range=tv",
 }
 # The index goes first, so that a browser starts before it has the whole file; and no date and no
 # library version goes in, so that the same run gives the same bytes.

@@ -13,7 +13,8 @@ from app.crane.picture.stage import HEIGHT, SUPERSAMPLE, WALL_FOOT_Y, WIDTH, Col
 # The grain of the concrete: the same in every video.
 CONCRETE_SEED = 7
 WALL_LEFT, WALL_RIGHT = 22, WIDTH - 22
-WALL_LIGHT: Color = (146, 151, 153)
+# A grey whose colour survives 8-bit chroma: one step off and the wall turns purple.
+WALL_LIGHT: Color = (145, 151, 154)
 SIDE_WALL: Color = (112, 115, 116)
 FLOOR_NEAR: Color = (96, 98, 98)
 FLOOR_FAR: Color = (120, 121, 119)

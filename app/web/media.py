@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import mimetypes
 
 from fastapi import APIRouter, Request
 from fastapi.responses import FileResponse, Response
@@ -30,6 +31,6 @@ async def recording(public_id: str, request: Request, studio: StudioDep) -> Resp
         return Response(status_code=304, headers={"ETag": etag, "Cache-Control": _CACHE})
     # Shielded: one browser that goes away must not stop a video that others wait for.
     path = await asyncio.shield(asyncio.wrap_future(studio.recordings.ensure(source)))
-    return FileResponse(
-        path, media_type="video/mp4", headers={"Cache-Control": _CACHE, "ETag": etag}
-    )
+    # A study's own videos may be of another form than the address says.
+    form = mimetypes.guess_type(path.name)[0] or "video/mp4"
+    return FileResponse(path, media_type=form, headers={"Cache-Control": _CACHE, "ETag": etag})

@@ -8,16 +8,18 @@ from pathlib import Path
 from typing import Annotated, Any, NoReturn
 
 import typer
+from pydantic import ValidationError
 from rich.console import Console
 from rich.table import Table
 from typer.exceptions import Abort, Exit, TyperException
 
 from app.services import accounts, studies
-from app.services.errors import ServiceError
-from app.services.settings import Settings
+from app.services.errors import ConflictError, ServiceError
+from app.services.settings import Settings, settings_faults
 from app.services.studio import Studio, open_studio
 from app.study.faults import StudyFaults
 from app.study.folder import UnknownStudyError
+from app.study.scaffold import FolderNotEmptyError
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -74,7 +76,9 @@ def main() -> None:
         status = app(standalone_mode=False)
     except StudyFaults as error:
         fail(str(error))
-    except (ServiceError, UnknownStudyError, FileExistsError, NotADirectoryError) as error:
+    except (ServiceError, FolderNotEmptyError, UnknownStudyError) as error:
+        fail(f"pbpo: {error}")
+    except (FileExistsError, IsADirectoryError, NotADirectoryError, PermissionError) as error:
         fail(f"pbpo: {error}")
     except TyperException as error:
         fail(f"pbpo: {error.format_message()} (pbpo --help shows what there is)")
@@ -91,7 +95,10 @@ def fail(message: str) -> NoReturn:
 
 
 def settings_of(data_dir: Path | None) -> Settings:
-    return Settings() if data_dir is None else Settings(data_dir=data_dir)
+    try:
+        return Settings() if data_dir is None else Settings(data_dir=data_dir)
+    except ValidationError as error:
+        raise ConflictError(settings_faults(error)) from None
 
 
 def studio_of(data_dir: Path | None, **changes: Any) -> Studio:
@@ -270,7 +277,7 @@ def media_render(
 
     from app.crane.rendering_jobs import render_all
 
-    target = media_dir or Settings().media_dir
+    target = media_dir or settings_of(None).media_dir
     columns = (BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress("rendering", *columns, console=out) as progress:
         task = progress.add_task("")

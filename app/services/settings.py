@@ -5,14 +5,19 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-from pydantic import Field
+from pydantic import Field, ValidationError, field_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
+from sqlalchemy.engine import make_url
+from sqlalchemy.exc import ArgumentError
+
+DATABASES = ("sqlite", "postgresql")
+_PREFIX = "PBPO_"
 
 
 class Settings(BaseSettings):
     """Where things are kept and how the server presents itself."""
 
-    model_config = SettingsConfigDict(env_prefix="PBPO_", frozen=True, extra="ignore")
+    model_config = SettingsConfigDict(env_prefix=_PREFIX, frozen=True, extra="ignore")
 
     data_dir: Annotated[
         Path, Field(description="The SQLite file, access.json and the videos of own studies.")
@@ -30,6 +35,18 @@ class Settings(BaseSettings):
         int, Field(ge=1, le=64, description="Videos rendered at the same time.")
     ] = 2
 
+    @field_validator("database_url")
+    @classmethod
+    def _known_database(cls, url: str) -> str:
+        # The URL may hold a password: it is not repeated in the message.
+        try:
+            backend = make_url(url).get_backend_name() if url else "sqlite"
+        except ArgumentError:
+            backend = ""
+        if backend not in DATABASES:
+            raise ValueError(f"expected the URL of a database of {' or '.join(DATABASES)}")
+        return url
+
     @property
     def url(self) -> str:
         return self.database_url or f"sqlite:///{self.data_dir.resolve() / 'pbpo.sqlite3'}"
@@ -37,3 +54,11 @@ class Settings(BaseSettings):
     @property
     def uploads_dir(self) -> Path:
         return self.data_dir / "uploads"
+
+
+def settings_faults(error: ValidationError) -> str:
+    """What is wrong with the settings, by the names of their variables, in one line."""
+    return "; ".join(
+        f"{_PREFIX}{'.'.join(map(str, fault['loc'])).upper()}: {fault['msg']}"
+        for fault in error.errors(include_url=False, include_input=False)
+    )

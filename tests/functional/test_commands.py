@@ -1,0 +1,298 @@
+"""The commands, as they are typed: what they say, where, and with which exit status."""
+
+from __future__ import annotations
+
+import io
+import sqlite3
+import sys
+from collections.abc import Callable
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from app import cli
+from app.main import create_app
+from app.services import accounts
+from app.services.settings import Settings
+from app.services.studio import open_studio
+from tests.conftest import Idle, StudyShelf, write_study
+
+from .client import Api
+from .conftest import EMAIL, LEARNING_PLAN, PASSWORD
+from .own_study import write_own_study
+
+
+@dataclass(frozen=True)
+class Said:
+    """What a command said, and how it ended."""
+
+    status: int
+    out: str
+    err: str
+
+
+Run = Callable[..., Said]
+
+COMMANDS = [
+    *([], ["demo"], ["serve"], ["study"], ["study", "init"], ["study", "check"]),
+    *(["study", "create"], ["study", "list"], ["study", "open"], ["study", "close"], ["export"]),
+    *(["simulate"], ["media", "render"], ["replay"], ["account", "create"], ["account", "token"]),
+]
+
+
+@pytest.fixture
+def pbpo(
+    tmp_path: Path,
+    media_dir: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> Run:
+    """Runs a command on a data folder of the test's own."""
+    monkeypatch.setenv("PBPO_DATA_DIR", str(tmp_path / "data"))
+    monkeypatch.setenv("PBPO_MEDIA_DIR", str(media_dir))
+
+    def run(*words: object) -> Said:
+        monkeypatch.setattr(sys, "argv", ["pbpo", *map(str, words)])
+        capsys.readouterr()
+        with pytest.raises(SystemExit) as left:
+            cli.main()
+        said = capsys.readouterr()
+        assert isinstance(left.value.code, int)
+        return Said(left.value.code, said.out, said.err)
+
+    return run
+
+
+@pytest.fixture
+def stocked(pbpo: Run, study_shelf: StudyShelf, tmp_path: Path, media_dir: Path) -> Run:
+    """The same with an open study, `short`, whose model chooses queries after two answers."""
+    studio = open_studio(
+        Settings(data_dir=tmp_path / "data", media_dir=media_dir), background=Idle(1)
+    )
+    study_shelf.put_into(studio, LEARNING_PLAN)
+    studio.close()
+    return pbpo
+
+
+def mistake(said: Said) -> str:
+    """The one line that a user's mistake is answered with."""
+    assert said.status == 2, said
+    assert said.out == ""
+    assert len(said.err.splitlines()) == 1, said.err
+    assert "Traceback" not in said.err
+    return said.err.strip()
+
+
+@pytest.mark.parametrize("words", COMMANDS, ids=" ".join)
+def test_every_command_explains_itself(pbpo: Run, words: list[str]) -> None:
+    said = pbpo(*words, "--help")
+    assert (said.status, said.err) == (0, "")
+    assert "Usage:" in said.out
+
+
+def test_a_study_is_begun_checked_created_opened_and_closed(pbpo: Run, tmp_path: Path) -> None:
+    folder = tmp_path / "mine"
+    assert "holds an example" in pbpo("study", "init", folder).out
+    check = pbpo("study", "check", folder)
+    assert check.status == 2
+    assert "recordings.csv:2: file: expected a video" in check.err
+
+    own = write_own_study(tmp_path / "kettles")
+    assert pbpo("study", "check", own).out.startswith("kettles: no fault found. 2 conditions")
+    assert "created as a draft" in pbpo("study", "create", own).out
+    assert "participants enter at /s/kettles" in pbpo("study", "open", "kettles").out
+    assert " open " in pbpo("study", "list").out.splitlines()[1]
+    assert pbpo("study", "close", "kettles").out == "kettles is closed.\n"
+    assert pbpo("study", "open", "kettles").status == 0
+
+
+@pytest.mark.parametrize("name", ["waste-crane", "waste-crane-env2"])
+def test_the_shipped_studies_are_without_fault(pbpo: Run, name: str) -> None:
+    assert pbpo("study", "check", name).out.startswith(f"{name}: no fault found. 3 conditions")
+
+
+def test_a_check_names_every_fault_of_a_folder_in_a_line_of_its_own(
+    pbpo: Run, tmp_path: Path
+) -> None:
+    folder = write_own_study(tmp_path / "kettles")
+    plan = (folder / "study.yaml").read_text(encoding="utf-8")
+    plan = plan.replace("queries_per_trial: 4", "queries_per_trial: 0\nquerys: 3")
+    (folder / "study.yaml").write_text(plan, encoding="utf-8")
+    (folder / "recordings.csv").write_text(
+        "speed,height,file,score\n"
+        "0.1,1,videos/a.mp4,-3.5\n"
+        "fast,1,videos/b.mp4,\n"
+        "0.2,1,videos/a.mp4,\n"
+        "0.3,1,videos/none.mp4,\n"
+    )
+    (folder / "texts" / "ja" / "debrief.md").unlink()
+
+    said = pbpo("study", "check", folder)
+    assert (said.status, said.out) == (2, "")
+    lines = said.err.splitlines()
+    places = {line.split(": ")[0] for line in lines}
+    assert len(lines) == 6, said.err
+    assert {"recordings.csv:3", "recordings.csv:4", "recordings.csv:5"} < places
+    assert "texts/ja/debrief.md" in places
+    assert sum(line.startswith("study.yaml:") for line in lines) == 2
+    assert len(pbpo("study", "create", folder).err.splitlines()) == 6
+    assert pbpo("study", "list").out.count("\n") == 1
+
+
+MISTAKES: list[tuple[list[str], str]] = [
+    (["study", "open", "nowhere"], "there is no study named 'nowhere'"),
+    (["study", "close", "nowhere"], "there is no study named 'nowhere'"),
+    (["export", "nowhere", "--out", "out"], "there is no study named 'nowhere'"),
+    (["simulate", "nowhere"], "there is no study named 'nowhere'"),
+    (["replay", "nowhere"], "there is no study named 'nowhere'"),
+    (["study", "check", "nowhere"], "expected a study folder or a shipped study"),
+    (["study", "create", "nowhere"], "expected a study folder or a shipped study"),
+    (["study", "list", "--colour"], "--colour"),
+    (["study", "dance"], "dance"),
+    (["dance"], "dance"),
+    (["export", "short"], "--out"),
+    (["simulate", "short", "--sessions", "0"], "--sessions"),
+    (["simulate", "short", "--evaluator", "moody"], "moody"),
+    (["media", "render", "--environment", "env3"], "env3"),
+    (["serve", "--port", "99999"], "--port"),
+    (["account", "token", "nobody@lab.example"], "there is no account"),
+]
+
+
+@pytest.mark.parametrize(("words", "sentence"), MISTAKES, ids=lambda value: str(value)[:40])
+def test_a_mistake_is_one_line_and_exit_status_2(
+    pbpo: Run, words: list[str], sentence: str
+) -> None:
+    assert sentence in mistake(pbpo(*words))
+
+
+def test_mistakes_about_a_study_that_is_there(stocked: Run, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    wrong_table = mistake(stocked("export", "short", "--out", out, "--table", "answers"))
+    assert "expected tables among queries, preferences" in wrong_table
+    assert "'answers'" in wrong_table
+    assert "pickle" in mistake(stocked("export", "short", "--out", out, "--format", "pickle"))
+    assert "dream" in mistake(stocked("export", "short", "--out", out, "--mode", "dream"))
+    assert not out.exists()
+    again = write_study(tmp_path / "again")
+    assert "there is a study named 'short'" in mistake(stocked("study", "create", again))
+
+
+def test_a_folder_or_a_file_in_the_way_is_named(pbpo: Run, tmp_path: Path) -> None:
+    full = write_study(tmp_path / "full")
+    assert "holds something already" in mistake(pbpo("study", "init", full))
+    file = tmp_path / "file"
+    file.write_text("")
+    assert "got the file" in mistake(pbpo("study", "init", file))
+    assert str(file) in mistake(pbpo("study", "list", "--data-dir", file))
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("PBPO_RENDER_JOBS", "many"),
+        ("PBPO_DATABASE_URL", "nonsense"),
+        ("PBPO_DATABASE_URL", "x://y"),
+    ],
+)
+def test_a_setting_that_is_not_understood_is_named(
+    pbpo: Run, monkeypatch: pytest.MonkeyPatch, name: str, value: str
+) -> None:
+    monkeypatch.setenv(name, value)
+    assert name in mistake(pbpo("study", "list"))
+
+
+def test_closing_a_draft_is_refused(pbpo: Run, tmp_path: Path) -> None:
+    pbpo("study", "create", write_study(tmp_path / "short"))
+    assert "expected an open study" in mistake(pbpo("study", "close", "short"))
+
+
+def test_simulated_sessions_are_walked_exported_and_replayed(stocked: Run, tmp_path: Path) -> None:
+    said = stocked("simulate", "short", "--sessions", "2", "--evaluator", "uncertain")
+    assert "2 simulated sessions of short were completed." in said.out
+
+    out = tmp_path / "out"
+    assert stocked("export", "short", "--out", out).status == 0
+    assert pd.read_csv(out / "queries.csv").empty
+    stocked("export", "short", "--out", out, "--mode", "simulated", "--mode", "live")
+    assert sorted(path.name for path in out.iterdir()) == [
+        "acquired.csv",
+        "data_dictionary.csv",
+        "events.csv",
+        "participants.csv",
+        "preferences.csv",
+        "queries.csv",
+        "recordings.csv",
+        "sessions.csv",
+    ]
+    queries = pd.read_csv(out / "queries.csv")
+    assert len(queries) == 2 * 3 * 5
+    assert set(queries["mode"]) == {"simulated"}
+    assert set(queries["response"]) == {"left", "right", "skip"}
+    queries["shown_at"] = pd.to_datetime(queries["shown_at"])
+    begun = queries.groupby(["session_id", "trial_index"])["shown_at"].first()
+    assert (begun.groupby("session_id").diff().dropna() > pd.Timedelta(seconds=120)).all()
+
+    only = tmp_path / "only"
+    stocked("export", "short", "--out", only, "--table", "identities")
+    assert [path.name for path in only.iterdir()] == ["identities.csv"]
+
+    replayed = stocked("replay", "short")
+    assert replayed.out == "6 trials, 30 queries replayed; 0 came out otherwise.\n"
+    assert replayed.status == 0
+
+
+def test_a_replay_finds_a_query_that_was_changed(stocked: Run, tmp_path: Path) -> None:
+    stocked("simulate", "short", "--evaluator", "certain")
+    with closing(sqlite3.connect(tmp_path / "data" / "pbpo.sqlite3")) as database, database:
+        left, right = database.execute(
+            "SELECT left_candidate, right_candidate FROM queries WHERE id = 5"
+        ).fetchone()
+        other = next(index for index in range(3) if index not in (left, right))
+        database.execute("UPDATE queries SET left_candidate = ? WHERE id = 5", (other,))
+    said = stocked("replay", "short")
+    assert said.status == 1
+    difference, summary = said.out.splitlines()
+    assert "query 4: stored" in difference
+    assert summary == "3 trials, 15 queries replayed; 1 came out otherwise."
+
+
+def test_the_command_and_the_page_export_the_same_bytes(
+    stocked: Run, tmp_path: Path, media_dir: Path
+) -> None:
+    stocked("simulate", "short")
+    out = tmp_path / "out"
+    stocked("export", "short", "--out", out, "--mode", "simulated")
+    studio = open_studio(
+        Settings(data_dir=tmp_path / "data", media_dir=media_dir), background=Idle(1)
+    )
+    token = accounts.create_api_token(studio, accounts.create(studio, EMAIL, PASSWORD), "test")
+    with Api(create_app(studio=studio)) as api:
+        for path in out.iterdir():
+            page = api.get(
+                f"/api/v1/studies/short/export/{path.name}?mode=simulated",
+                headers={"Authorization": f"Bearer {token}"},
+            )
+            assert page.content == path.read_bytes(), path.name
+    studio.close()
+
+
+def test_a_study_without_scores_cannot_be_simulated(pbpo: Run, tmp_path: Path) -> None:
+    pbpo("study", "create", write_own_study(tmp_path / "kettles"))
+    pbpo("study", "open", "kettles")
+    assert "expected a score for every recording" in mistake(pbpo("simulate", "kettles"))
+
+
+def test_an_account_is_made_with_a_password_typed_twice_and_given_a_token(
+    pbpo: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = iter([PASSWORD, PASSWORD, "short", "short", PASSWORD, PASSWORD])
+    monkeypatch.setattr("getpass.getpass", lambda *_args, **_options: next(asked))
+    monkeypatch.setattr(sys, "stdin", io.StringIO())
+    assert pbpo("account", "create", EMAIL).status == 0
+    assert "at least 10 characters" in pbpo("account", "create", "bob@lab.example").err
+    assert "has an account" in pbpo("account", "create", EMAIL).err
+    assert len(pbpo("account", "token", EMAIL).out.strip()) == 43

@@ -49,10 +49,12 @@ class Counts:
     completed: int = 0
     withdrawn: int = 0
     declined: int = 0
+    screened_out: int = 0
 
     @property
     def total(self) -> int:
-        return self.active + self.completed + self.withdrawn + self.declined
+        ended = self.completed + self.withdrawn + self.declined + self.screened_out
+        return self.active + ended
 
 
 def payload_mb(studio: Studio, study: studies.StudyInfo) -> float | None:

@@ -9,6 +9,15 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 from app.study.files import misplaced
+from app.study.plain import (
+    Inconsistency,
+    Place,
+    all_languages,
+    as_list,
+    as_mapping,
+    languages_of,
+    repeats,
+)
 
 CRANE = "crane"
 CRANE_ENVIRONMENTS = ("env1", "env2")
@@ -37,8 +46,6 @@ RESERVED_PARAMETERS = frozenset(
     }
 )
 
-Place = tuple[str | int, ...]
-
 
 @dataclass(frozen=True)
 class Method:
@@ -56,25 +63,6 @@ METHODS = (
 )
 
 
-@dataclass(frozen=True)
-class Inconsistency:
-    """Something that does not agree with the rest of the plan, and where it stands."""
-
-    place: Place
-    message: str
-
-    def __str__(self) -> str:
-        return f"{path_text(self.place)}: {self.message}"
-
-
-def path_text(place: Place) -> str:
-    """A place as people write it: `conditions[1].skip.label`."""
-    text = ""
-    for step in place:
-        text += f"[{step}]" if isinstance(step, int) else f".{step}" if text else step
-    return text
-
-
 def inconsistencies(plan: Mapping[str, object]) -> list[Inconsistency]:
     """All disagreements within a plan, given as plain data."""
     return [
@@ -87,14 +75,14 @@ def inconsistencies(plan: Mapping[str, object]) -> list[Inconsistency]:
 
 
 def _languages(plan: Mapping[str, object]) -> Iterator[Inconsistency]:
-    languages = _languages_of(plan)
-    yield from _repeats("languages", _list(plan.get("languages")))
-    yield from _all_languages(("title",), plan.get("title"), languages)
+    languages = languages_of(plan)
+    yield from repeats("languages", as_list(plan.get("languages")))
+    yield from all_languages(("title",), plan.get("title"), languages)
 
 
 def _parameters(plan: Mapping[str, object]) -> Iterator[Inconsistency]:
     names = parameter_names(plan)
-    yield from _repeats("parameters", names, "name")
+    yield from repeats("parameters", names, "name")
     for index, name in enumerate(names):
         if name in RESERVED_PARAMETERS:
             taken = f"expected another name, {name!r} is a column that exported tables have already"
@@ -104,8 +92,8 @@ def _parameters(plan: Mapping[str, object]) -> Iterator[Inconsistency]:
 def _environments(plan: Mapping[str, object]) -> Iterator[Inconsistency]:
     read_by: dict[object, str] = {}
     names = parameter_names(plan)
-    for name, environment in _mapping(plan.get("environments")).items():
-        source = _mapping(environment).get("source")
+    for name, environment in as_mapping(plan.get("environments")).items():
+        source = as_mapping(environment).get("source")
         place = ("environments", name, "source")
         if source == CRANE:
             if name not in CRANE_ENVIRONMENTS:
@@ -126,10 +114,10 @@ def _environments(plan: Mapping[str, object]) -> Iterator[Inconsistency]:
 
 
 def _conditions(plan: Mapping[str, object]) -> Iterator[Inconsistency]:
-    conditions = [_mapping(condition) for condition in _list(plan.get("conditions"))]
-    environments = _mapping(plan.get("environments"))
+    conditions = [as_mapping(condition) for condition in as_list(plan.get("conditions"))]
+    environments = as_mapping(plan.get("environments"))
     allows_skip = {method.name: method.allows_skip for method in METHODS}
-    yield from _repeats("conditions", [condition.get("name") for condition in conditions], "name")
+    yield from repeats("conditions", [condition.get("name") for condition in conditions], "name")
     for index, condition in enumerate(conditions):
         place: Place = ("conditions", index)
         environment = condition.get("environment")
@@ -146,71 +134,28 @@ def _conditions(plan: Mapping[str, object]) -> Iterator[Inconsistency]:
             if not allows_skip[method] and skip is not None:
                 message = f"expected no skip button for method {method}, got one"
                 yield Inconsistency((*place, "skip"), message)
-        label = _mapping(skip).get("label")
-        yield from _all_languages((*place, "skip", "label"), label, _languages_of(plan))
+        label = as_mapping(skip).get("label")
+        yield from all_languages((*place, "skip", "label"), label, languages_of(plan))
         yield from _finite((*place, "settings"), condition.get("settings"))
 
 
 def _familiarisation(plan: Mapping[str, object]) -> Iterator[Inconsistency]:
-    familiarisation = _mapping(plan.get("familiarisation"))
+    familiarisation = as_mapping(plan.get("familiarisation"))
     videos, required = familiarisation.get("videos", 0), familiarisation.get("required", 0)
     if isinstance(videos, int) and isinstance(required, int) and required > videos:
         message = f"expected at most the number of videos ({videos}), got {required}"
         yield Inconsistency(("familiarisation", "required"), message)
 
 
-def _all_languages(place: Place, text: object, languages: list[object]) -> Iterator[Inconsistency]:
-    """What an evaluator reads has to be there in every language of the study."""
-    if isinstance(text, str):
-        given = set(languages[:1])
-    elif isinstance(text, Mapping):
-        given = set(text)
-    else:
-        return
-    missing = [str(language) for language in languages if language not in given]
-    if missing:
-        message = f"expected a text in every language, got none in {', '.join(missing)}"
-        yield Inconsistency(place, message)
-    for language in given.difference(languages):
-        known = ", ".join(map(str, languages))
-        message = f"expected one of the study's languages ({known}), got {language!r}"
-        yield Inconsistency((*place, str(language)), message)
-
-
 def _finite(place: Place, value: object) -> Iterator[Inconsistency]:
     """Settings go into JSON, which has no infinity and no NaN."""
     if isinstance(value, float) and not math.isfinite(value):
         yield Inconsistency(place, f"expected a finite number, got {value}")
-    for key, inner in _mapping(value).items():
+    for key, inner in as_mapping(value).items():
         yield from _finite((*place, key), inner)
-    for index, inner in enumerate(_list(value)):
+    for index, inner in enumerate(as_list(value)):
         yield from _finite((*place, index), inner)
 
 
-def _repeats(section: str, values: list[object], key: str | None = None) -> Iterator[Inconsistency]:
-    first: dict[str, int] = {}
-    for index, value in enumerate(values):
-        if not isinstance(value, str):
-            continue
-        if value in first:
-            place: Place = (section, index) if key is None else (section, index, key)
-            as_at = f"{section}[{first[value]}]"
-            message = f"expected each once, got {value!r} again (as at {as_at})"
-            yield Inconsistency(place, message)
-        first.setdefault(value, index)
-
-
 def parameter_names(plan: Mapping[str, object]) -> list[object]:
-    return [_mapping(parameter).get("name") for parameter in _list(plan.get("parameters"))]
-
-
-def _languages_of(plan: Mapping[str, object]) -> list[object]:
-    return [language for language in _list(plan.get("languages")) if isinstance(language, str)]
-
-
-def _mapping(value: object) -> Mapping[str, object]:
-    return {str(key): inner for key, inner in value.items()} if isinstance(value, Mapping) else {}
-
-
-def _list(value: object) -> list[object]:
-    return list(value) if isinstance(value, list | tuple) else []
+    return [as_mapping(parameter).get("name") for parameter in as_list(plan.get("parameters"))]

@@ -13,9 +13,6 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import (
     AfterValidator,
-    BaseModel,
-    BeforeValidator,
-    ConfigDict,
     Field,
     JsonValue,
     StrictInt,
@@ -26,21 +23,12 @@ from pydantic import (
 from pydantic_core import PydanticCustomError
 
 from app.study.consistency import CRANE, METHODS, inconsistencies
+from app.study.part import ONE_OR_MORE_TEXTS, LocalText, Part
 from app.study.recordings import RecordingRow
+from app.study.stages import Familiarisation
 
 # These name folders as well, so they hold nothing that leads elsewhere.
 LANGUAGE_PATTERN = r"^[a-z]{2,3}(-[A-Za-z0-9]{2,8})*$"
-
-
-def _require_text(value: object) -> object:
-    """A text is a string, or one string per language; never empty."""
-    texts = list(value.values()) if isinstance(value, Mapping) else [value]
-    languages = list(value) if isinstance(value, Mapping) else []
-    if not texts or not all(isinstance(text, str) and text.strip() for text in texts):
-        raise ValueError("not a text")
-    if not all(isinstance(language, str) for language in languages):
-        raise ValueError("not a language")
-    return value
 
 
 def _require_method(name: str) -> str:
@@ -49,20 +37,12 @@ def _require_method(name: str) -> str:
     return name
 
 
-LocalText = Annotated[str | dict[str, str], BeforeValidator(_require_text)]
 Language = Annotated[StrictStr, StringConstraints(pattern=LANGUAGE_PATTERN)]
 EnvironmentName = Annotated[StrictStr, StringConstraints(pattern=r"^[a-z0-9][a-z0-9_-]{0,59}$")]
 MethodName = Annotated[StrictStr, AfterValidator(_require_method)]
-ONE_OR_MORE_TEXTS = "a text, or one text per language such as {en: ..., ja: ...}"
 
 
-class _Part(BaseModel):
-    """A part of the plan: no unknown key, no change after birth."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-
-class Parameter(_Part):
+class Parameter(Part):
     """One coordinate of a candidate."""
 
     name: StrictStr = Field(
@@ -73,7 +53,7 @@ class Parameter(_Part):
     unit: StrictStr | None = Field(default=None, description="a unit such as s")
 
 
-class Environment(_Part):
+class Environment(Part):
     """Where recordings come from: the simulated crane, or a CSV file of the study's own."""
 
     label: LocalText | None = Field(default=None, description=ONE_OR_MORE_TEXTS)
@@ -87,13 +67,13 @@ class Environment(_Part):
         return self.source == CRANE
 
 
-class Skip(_Part):
+class Skip(Part):
     """The skip button: there is one exactly where the method has a use for a skip."""
 
     label: LocalText = Field(description=ONE_OR_MORE_TEXTS)
 
 
-class Condition(_Part):
+class Condition(Part):
     """What a trial is run under: a method with its settings, in an environment."""
 
     name: StrictStr = Field(
@@ -109,18 +89,7 @@ class Condition(_Part):
     )
 
 
-class Familiarisation(_Part):
-    """The videos a person watches beforehand, drawn at random."""
-
-    videos: StrictInt = Field(
-        default=0, ge=0, le=1000, description="a whole number from 0 (none) to 1000"
-    )
-    required: StrictInt = Field(
-        default=0, ge=0, le=1000, description="a whole number from 0 to the number of videos"
-    )
-
-
-class Plan(_Part):
+class Plan(Part):
     """A whole study as its `study.yaml` says it. The upper limits only catch slips of the pen."""
 
     version: Literal[1] = Field(description="1, the version of this file's form")

@@ -8,8 +8,9 @@ from typing import Any, get_args
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
-from app.study.consistency import Place, inconsistencies, path_text
+from app.study.consistency import inconsistencies
 from app.study.faults import Fault
+from app.study.plain import Place, path_text
 from app.study.plan import Plan
 from app.study.yaml_source import YamlSource, YamlSyntaxError, read_yaml
 

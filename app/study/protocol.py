@@ -15,19 +15,30 @@ from app.study.plan import Plan
 
 class Stage(StrEnum):
     CONSENT = "consent"
+    DEVICE_CHECK = "device_check"
     INSTRUCTIONS = "instructions"
     FAMILIARISATION = "familiarisation"
+    PRACTICE = "practice"
     QUERY = "query"
+    QUESTIONNAIRE = "questionnaire"
     BREAK = "break"
     DEBRIEF = "debrief"
     COMPLETED = "completed"
     WITHDRAWN = "withdrawn"
     DECLINED = "declined"
+    SCREENED_OUT = "screened_out"
 
 
-FINAL_STAGES = frozenset({Stage.COMPLETED, Stage.WITHDRAWN, Stage.DECLINED})
+FINAL_STAGES = frozenset({Stage.COMPLETED, Stage.WITHDRAWN, Stage.DECLINED, Stage.SCREENED_OUT})
 BEFORE_FIRST_TRIAL = frozenset(
-    {Stage.CONSENT, Stage.INSTRUCTIONS, Stage.FAMILIARISATION, Stage.DECLINED}
+    {
+        Stage.CONSENT,
+        Stage.DEVICE_CHECK,
+        Stage.INSTRUCTIONS,
+        Stage.PRACTICE,
+        Stage.DECLINED,
+        Stage.SCREENED_OUT,
+    }
 )
 
 
@@ -143,13 +154,17 @@ class Position(TypedDict):
 
 _TO_BE_DONE = {
     Stage.CONSENT: "the consent has to be given or declined first",
+    Stage.DEVICE_CHECK: "the device has to pass its check first",
     Stage.INSTRUCTIONS: "the instructions have to be left first",
     Stage.FAMILIARISATION: "the familiarisation has to be left first",
+    Stage.PRACTICE: "the practice queries have to be answered first",
+    Stage.QUESTIONNAIRE: "the questionnaire has to be answered first",
     Stage.BREAK: "the break has to be left first",
     Stage.DEBRIEF: "the debriefing has to be left first",
     Stage.COMPLETED: "it is completed, nothing is left to be done",
     Stage.WITHDRAWN: "it was ended by the participant, nothing is left to be done",
     Stage.DECLINED: "the participant declined, nothing is left to be done",
+    Stage.SCREENED_OUT: "the device did not pass its check, nothing is left to be done",
 }
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 import yaml
 
-from app.study.consistency import Place, path_text
+from app.study.plain import Place, path_text
 
 # PyYAML's composer calls itself for every level: deeper than this is no study, and would exhaust
 # the stack.

@@ -60,6 +60,18 @@ class Respond(BaseModel):
     events: list[Happened] = Field(default_factory=list, max_length=1_000)
 
 
+class Leave(_In):
+    """How somebody leaves."""
+
+    delete: bool = Field(False, description="Delete what the person gave, instead of keeping it.")
+
+
+class AskForDeletion(_In):
+    receipt: str = Field(
+        min_length=1, max_length=64, description="The code that was given with the session."
+    )
+
+
 class Progress(BaseModel):
     trial: int
     trials: int
@@ -74,14 +86,18 @@ class SessionState(BaseModel):
 
     stage: Literal[
         "consent",
+        "device_check",
         "instructions",
         "familiarisation",
+        "practice",
         "query",
+        "questionnaire",
         "break",
         "debrief",
         "completed",
         "withdrawn",
         "declined",
+        "screened_out",
     ]
     progress: Progress
     study: dict[str, Any]
@@ -89,6 +105,7 @@ class SessionState(BaseModel):
 
 class Started(BaseModel):
     token: str
+    receipt: str = Field(description="With this code what was given can be deleted later.")
     session: SessionState
 
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from app.study import Fault, StudyFaults, load
+from app.study import Fault, Plan, StudyFaults, load
 
 Edit = Callable[[Path, str, str], None]
 Faults = Callable[[Path], list[str]]
@@ -37,12 +37,9 @@ Faults = Callable[[Path], list[str]]
         (
             "queries_per_trial: 4",
             "queries_per_trial: 4\nbreak: 3",
-            (
-                "study.yaml:20: break: unknown key, expected one of version, slug, title,"
-                " languages, parameters, environments, conditions, trials_per_condition,"
-                " queries_per_trial, order, break_s, familiarisation,"
-                " session_expires_after_days, contact (did you mean break_s?)"
-            ),
+            "study.yaml:20: break: unknown key, expected one of "
+            + ", ".join(Plan.model_fields)
+            + " (did you mean break_s?)",
         ),
         (
             "skip: {label: Neither}",

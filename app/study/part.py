@@ -1,0 +1,27 @@
+"""What every part of a plan is made of: a strict model, and texts in one or several languages."""
+
+from collections.abc import Mapping
+from typing import Annotated
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict
+
+
+def _require_text(value: object) -> object:
+    """A text is a string, or one string per language; never empty."""
+    texts = list(value.values()) if isinstance(value, Mapping) else [value]
+    languages = list(value) if isinstance(value, Mapping) else []
+    if not texts or not all(isinstance(text, str) and text.strip() for text in texts):
+        raise ValueError("not a text")
+    if not all(isinstance(language, str) for language in languages):
+        raise ValueError("not a language")
+    return value
+
+
+LocalText = Annotated[str | dict[str, str], BeforeValidator(_require_text)]
+ONE_OR_MORE_TEXTS = "a text, or one text per language such as {en: ..., ja: ...}"
+
+
+class Part(BaseModel):
+    """A part of the plan: no unknown key, no change after birth."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")

@@ -20,30 +20,39 @@ started from the one before.
 """
 
 from dataclasses import dataclass
-from math import ceil, log
-from typing import Final
+from math import ceil, isfinite, log, sqrt
+from typing import Final, NamedTuple
 
 import numpy as np
 from scipy.linalg import lapack
 
 from app.pbbo.candidates import FloatArray
 from app.pbbo.errors import FitError
+from app.pbbo.krylov import gmres
 from app.pbbo.probit import expectations
 
 # Ratio of the scales of successive stages: 2 to 10 all work, 5 needs the fewest steps in total.
 STAGE_RATIO: Final = 5.0
+# Most a site's growth from one stage to the next is trusted for the one after.
+LARGEST_GROWTH: Final = 4.0
 # Stages before the last need no more than a start for the next.
 ROUGH: Final = 0.3
 # On the last: about how far a mean may lie from its optimum, in posterior standard deviations.
-TOLERANCE: Final = 1e-6
+TOLERANCE: Final = 1e-5
 # A fit that stalls in rounding noise is still a fit if it stalls this close.
 ACCEPTABLE: Final = 3e-2
 STEPS: Final = 60
 MEAN_STEPS: Final = 6
 # Relative change of the bound that rounding alone can cause.
 ROUNDING: Final = 1e-9
-# Most a site may change in one step: a factor of e^3.
-LONGEST_STEP: Final = 3.0
+# Most a site may change in one step: a factor of e^5.
+LONGEST_STEP: Final = 5.0
+# Where answers are this many, and this many per variable, Newton steps are found iteratively, to
+# within SOLVED: a better direction would not be a better step.
+MANY_ANSWERS: Final = 500
+MANY_PER_VARIABLE: Final = 3
+SOLVED: Final = 0.03
+MOST_DIRECTIONS: Final = 30
 # A site this small next to the prior's precision says nothing; below it, logarithms would chase
 # answers that the others already imply.
 NEGLIGIBLE: Final = 1e-6
@@ -76,12 +85,18 @@ class Gaussian:
     bound: float
 
 
-@dataclass(frozen=True, eq=False)
-class State:
-    """q at some (mean, sites), with the bound and its derivatives there; each (m,) but for q."""
+class State(NamedTuple):
+    """q at some (mean, sites), with the bound's derivatives there.
+
+    spread: (r, m), spread' spread is q's covariance of what the answers see.  variance: (m,), its
+    diagonal.  gradient: (r,), of the bound in the mean.  slope, curvature, third, fourth: (m,),
+    expected derivatives of the answers' log-likelihoods in what they see; the curvature is -E[l''].
+    """
 
     q: Gaussian
+    spread: FloatArray
     variance: FloatArray
+    gradient: FloatArray
     slope: FloatArray
     curvature: FloatArray
     third: FloatArray
@@ -107,7 +122,10 @@ def fit(answers: Answers) -> Gaussian:
         start = sites
         if number >= 2:
             # Sites follow a power of the scale from stage to stage.
-            start = np.maximum((sites + floor) ** 2 / (before + floor) - floor, 0.0)
+            growth = np.clip(
+                (sites + floor) / (before + floor), 1.0 / LARGEST_GROWTH, LARGEST_GROWTH
+            )
+            start = np.maximum((sites + floor) * growth - floor, 0.0)
         before = sites
         start = np.minimum(start, largest_sites(stage))
         mean = move_mean(stage, mean, start)
@@ -136,9 +154,16 @@ def factor(precision: FloatArray) -> FloatArray | None:
 
 def precision_of(features: FloatArray, sites: FloatArray) -> FloatArray:
     """I + X' diag(sites) X; (r, r)."""
-    precision = features.T @ (sites[:, None] * features)
+    scaled = features * np.sqrt(sites)[:, None]
+    precision = scaled.T @ scaled
     precision.flat[:: len(precision) + 1] += 1.0
     return precision
+
+
+def widths(features: FloatArray, root: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """The spread (r, m) and variance (m,) of what the answers see, the precision's root given."""
+    spread, _ = lapack.dtrtrs(root, features.T, lower=1)
+    return spread, np.einsum("ij,ij->j", spread, spread)
 
 
 def evaluate(answers: Answers, mean: FloatArray, sites: FloatArray) -> State | None:
@@ -147,46 +172,49 @@ def evaluate(answers: Answers, mean: FloatArray, sites: FloatArray) -> State | N
     root = factor(precision_of(features, sites))
     if root is None:
         return None
-    spread, _ = lapack.dtrtrs(root, features.T, lower=1)  # (r, m): S = spread' spread on answers
-    variance = np.einsum("ij,ij->j", spread, spread)
+    spread, variance = widths(features, root)
     e = expectations(features @ mean / scale, np.sqrt(variance) / scale)
-    divergence = 2.0 * np.log(np.diagonal(root)).sum() - sites @ variance + mean @ mean
+    divergence = 2.0 * np.log(root.diagonal()).sum() - sites @ variance + mean @ mean
     bound = float(counts @ e.value - 0.5 * divergence)
-    if not np.isfinite(bound):
+    if not isfinite(bound):
         return None
+    weight = counts / scale
+    slope = weight * e.slope
     return State(
         q=Gaussian(mean, root, sites, bound),
+        spread=spread,
         variance=variance,
-        slope=counts * e.slope / scale,
-        curvature=counts * e.curvature / scale**2,
-        third=counts * e.third / scale**3,
-        fourth=counts * e.fourth / scale**4,
+        gradient=slope @ features - mean,
+        slope=slope,
+        curvature=weight / scale * e.curvature,
+        third=weight / scale**2 * e.third,
+        fourth=weight / scale**3 * e.fourth,
     )
 
 
 def move_mean(answers: Answers, mean: FloatArray, sites: FloatArray) -> FloatArray:
     """The best mean for the covariance that `sites` give: Newton on a concave function."""
-    features, counts, scale = answers.features, answers.counts, answers.scale
+    features, scale = answers.features, answers.scale
+    weight = answers.counts / scale
     root = factor(precision_of(features, sites))
     if root is None:
         return mean
-    spread, _ = lapack.dtrtrs(root, features.T, lower=1)
-    width = np.sqrt(np.einsum("ij,ij->j", spread, spread)) / scale
+    width = np.sqrt(widths(features, root)[1]) / scale
 
     e = expectations(features @ mean / scale, width)
-    value = float(counts @ e.value - 0.5 * mean @ mean)
+    value = float(answers.counts @ e.value - 0.5 * mean @ mean)
     for _ in range(MEAN_STEPS):
-        gradient = features.T @ (counts * e.slope / scale) - mean
-        hessian_root = factor(precision_of(features, counts * e.curvature / scale**2))
-        if hessian_root is None:
+        gradient = (weight * e.slope) @ features - mean
+        bend = factor(precision_of(features, weight / scale * e.curvature))
+        if bend is None:
             return mean
-        step, _ = lapack.dpotrs(hessian_root, gradient, lower=1)
+        step, _ = lapack.dpotrs(bend, gradient, lower=1)
         if float(step @ gradient) < ROUGH**2 / 10.0:
             return mean
-        for halvings in range(8):
-            tried = mean + step * 0.4**halvings
+        for shortenings in range(8):
+            tried = mean + step * 0.4**shortenings
             at = expectations(features @ tried / scale, width)
-            reached = float(counts @ at.value - 0.5 * tried @ tried)
+            reached = float(answers.counts @ at.value - 0.5 * tried @ tried)
             if reached >= value:
                 mean, value, e = tried, reached, at
                 break
@@ -210,7 +238,7 @@ def ascend(
         state = evaluate(answers, np.zeros_like(mean), floor)
     if state is None:
         raise FitError(f"fit: the bound is not finite at scale {answers.scale:g}")
-    best = residual(answers, state, floor)
+    best = residual(state, floor)
     for _ in range(STEPS):
         if best < tolerance:
             return state
@@ -218,7 +246,7 @@ def ascend(
         if moved is None:
             break
         state = moved
-        best = residual(answers, state, floor)
+        best = residual(state, floor)
     if strict and not best < ACCEPTABLE:
         raise FitError(
             f"fit: expected a residual below {ACCEPTABLE:g} after {STEPS} steps, got {best:g} "
@@ -227,14 +255,13 @@ def ascend(
     return state
 
 
-def residual(answers: Answers, state: State, floor: FloatArray) -> float:
+def residual(state: State, floor: FloatArray) -> float:
     """Distance from the stationary point: of the mean in posterior deviations, of the sites in
     logarithms (those that matter: a site's weight is the share of variance it takes away)."""
-    gradient = answers.features.T @ state.slope - state.q.mean
-    whitened, _ = lapack.dtrtrs(state.q.root, gradient, lower=1)
+    whitened, _ = lapack.dtrtrs(state.q.root, state.gradient, lower=1)
     error = np.log((state.curvature + floor) / (state.q.sites + floor))
     weight = np.minimum(1.0, 1e3 * state.q.sites * state.variance)
-    return float(max(np.sqrt(whitened @ whitened), np.abs(weight * error).max()))
+    return max(sqrt(float(whitened @ whitened)), float(np.abs(weight * error).max()))
 
 
 def newton_step(answers: Answers, state: State, floor: FloatArray) -> State | None:
@@ -242,28 +269,21 @@ def newton_step(answers: Answers, state: State, floor: FloatArray) -> State | No
     features = answers.features
     held = state.q.sites + floor
     wanted = state.curvature + floor
-    gap = np.log(wanted / held)
-    gradient = features.T @ state.slope - state.q.mean
-
     root = factor(precision_of(features, state.curvature))
     if root is None:
         return None
-    spread, _ = lapack.dtrtrs(state.q.root, features.T, lower=1)
-    squared = (spread.T @ spread) ** 2  # -d variance / d sites, (m, m)
     ahead, _ = lapack.dtrtrs(root, features.T, lower=1)
-    whitened, _ = lapack.dtrtrs(root, gradient, lower=1)
+    whitened, _ = lapack.dtrtrs(root, state.gradient, lower=1)
 
     # Eliminating the mean leaves one equation per site.
-    bend = state.third[:, None] * squared
-    system = (
-        state.fourth[:, None] * squared + state.third[:, None] * (ahead.T @ (ahead @ bend))
-    ) * (-0.5 / wanted[:, None] * held)
-    system.flat[:: len(held) + 1] += 1.0
-    right = gap - state.third / wanted * (ahead.T @ whitened)
-    _, _, log_step, info = lapack.dgesv(system, right)
-    if info != 0 or not np.isfinite(log_step).all():
+    right = np.log(wanted / held) - state.third / wanted * (whitened @ ahead)
+    many = len(held) > MANY_ANSWERS and len(held) > MANY_PER_VARIABLE * len(root)
+    solve = solve_iteratively if many else solve_directly
+    log_step = solve(state, ahead, held, wanted, right)
+    if log_step is None:
         return None
-    pull = gradient - 0.5 * (features.T @ (bend @ (held * log_step)))
+    fall = fall_of_variance(state.spread, held * log_step)
+    pull = state.gradient - 0.5 * ((state.third * fall) @ features)
     mean_step, _ = lapack.dpotrs(root, pull, lower=1)
 
     length = min(1.0, LONGEST_STEP / max(float(np.abs(log_step).max()), 1e-300))
@@ -279,12 +299,56 @@ def newton_step(answers: Answers, state: State, floor: FloatArray) -> State | No
     return None
 
 
+def fall_of_variance(spread: FloatArray, change: FloatArray) -> FloatArray:
+    """By how much the answers' variances fall when the sites rise by `change`; (m,)."""
+    shared = (spread * change) @ spread.T  # (r, r)
+    fall: FloatArray = np.einsum("ij,ij->j", spread, shared @ spread)
+    return fall
+
+
+def solve_directly(
+    state: State, ahead: FloatArray, held: FloatArray, wanted: FloatArray, right: FloatArray
+) -> FloatArray | None:
+    """The Newton step of the log-sites by elimination; None where there is none."""
+    squared = state.spread.T @ state.spread
+    squared *= squared  # fall of each variance per site, (m, m)
+    squared *= held  # ... per log-site
+    system = ahead.T @ (ahead @ (state.third[:, None] * squared))
+    system *= state.third[:, None]
+    squared *= state.fourth[:, None]
+    system += squared
+    system *= (-0.5 / wanted)[:, None]
+    system.flat[:: len(held) + 1] += 1.0
+    _, _, step, info = lapack.dgesv(system, right)
+    return step if info == 0 and np.isfinite(step).all() else None
+
+
+def solve_iteratively(
+    state: State, ahead: FloatArray, held: FloatArray, wanted: FloatArray, right: FloatArray
+) -> FloatArray | None:
+    """The same step where answers are many: nothing of the size (m, m) is formed.
+
+    Preconditioned by each site's own response if all sites moved together.
+    """
+    together = fall_of_variance(state.spread, held)
+    response = 1.0 + np.maximum(-0.5 * state.fourth / wanted * together, 0.0)
+
+    def apply(step: FloatArray) -> FloatArray:
+        fall = fall_of_variance(state.spread, held * step)
+        carried = (ahead @ (state.third * fall)) @ ahead
+        curved = state.fourth * fall + state.third * carried
+        return np.asarray((step - 0.5 / wanted * curved) / response)
+
+    step = gmres(apply, right / response, SOLVED, MOST_DIRECTIONS)
+    return step if np.isfinite(step).all() else None
+
+
 def natural_step(answers: Answers, state: State) -> State | None:
     """A damped step along the natural gradient, which raises the bound wherever it can rise."""
     features = answers.features
     natural = state.q.root @ (state.q.root.T @ state.q.mean)
     seen = features @ state.q.mean
-    target = features.T @ (state.slope + state.curvature * seen)
+    target = (state.slope + state.curvature * seen) @ features
     damping = 0.5
     for _ in range(8):
         sites = (1.0 - damping) * state.q.sites + damping * state.curvature

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from scipy.optimize import minimize
 from scipy.special import log_ndtr
 
+from app.pbbo import variational
 from app.pbbo.candidates import FloatArray
 from app.pbbo.probit import expectations
 from app.pbbo.variational import Answers, Gaussian, evaluate, fit
@@ -219,3 +220,19 @@ def test_counts_are_repeated_answers() -> None:
 
     assert fit(repeated).bound == pytest.approx(fit(once).bound, abs=1e-6)
     assert fit(repeated).mean == pytest.approx(fit(once).mean, abs=1e-5)
+
+
+@pytest.mark.parametrize("scale", [1.4e-4, 0.014, 0.14, 1.4])
+def test_many_answers_are_fitted_without_elimination_to_the_same_posterior(
+    scale: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    answers = problem(11, 60, 10, scale)
+    directly = fit(answers)
+
+    monkeypatch.setattr(variational, "MANY_ANSWERS", 0)
+    monkeypatch.setattr(variational, "solve_directly", None)
+    iteratively = fit(answers)
+
+    assert iteratively.bound == pytest.approx(directly.bound, abs=1e-5)
+    shift = directly.root.T @ (iteratively.mean - directly.mean)
+    assert shift == pytest.approx(np.zeros(10), abs=1e-3)

@@ -19,6 +19,7 @@ from sqlalchemy import select
 
 from app.pbbo import (
     ENGINE_VERSION,
+    FitError,
     Preference,
     PreferenceOptimizer,
     Query,
@@ -123,6 +124,8 @@ class Proposer:
         self._lock = threading.Lock()
         self._spaces: dict[tuple[int, str], Space] = {}
         self._steps: OrderedDict[tuple[int, History], Step] = OrderedDict()
+        # Trials whose person had them deleted: work that is under way must not bring them back.
+        self._forgotten: set[int] = set()
 
     def space(self, study_id: int, environment: str) -> Space:
         """The candidates and clips of a study's environment; they never change."""
@@ -140,10 +143,18 @@ class Proposer:
         if step is None:
             step = work_out(self.space(trial.study_id, trial.environment), trial, history)
             with self._lock:
-                self._steps[key] = step
+                if trial.seed not in self._forgotten:
+                    self._steps[key] = step
                 while len(self._steps) > AHEAD_STEPS:
                     self._steps.popitem(last=False)
         return step
+
+    def forget(self, seeds: frozenset[int]) -> None:
+        """Forget the trials of these seeds: their histories were deleted."""
+        with self._lock:
+            self._forgotten |= seeds
+            for key in [key for key in self._steps if key[0] in seeds]:
+                del self._steps[key]
 
     def work_ahead(self, trial: TrialInHand, history: History, pair: tuple[int, int]) -> None:
         """Begin to work out what follows each possible response to the open query `pair`."""
@@ -222,18 +233,32 @@ def _next_query(space: Space, trial: TrialInHand, optimizer: PreferenceOptimizer
 
 
 def _likelier(optimizer: PreferenceOptimizer, method: str, query: Query) -> str:
-    if query.trial_type != "model" or not has_posterior(method):
+    posterior = _posterior(optimizer, method) if query.trial_type == "model" else None
+    if posterior is None:
         return "left"
-    mean, _ = optimizer.posterior()
+    mean, _ = posterior
     return "left" if mean[query.left] >= mean[query.right] else "right"
 
 
 def _acquired(optimizer: PreferenceOptimizer, method: str) -> AcquiredCandidate:
     best = optimizer.best()
-    if not has_posterior(method):
+    posterior = _posterior(optimizer, method)
+    if posterior is None:
         return AcquiredCandidate(best, None, None)
-    mean, std = optimizer.posterior()
+    mean, std = posterior
     return AcquiredCandidate(best, float(mean[best]), float(std[best]))
+
+
+def _posterior(
+    optimizer: PreferenceOptimizer, method: str
+) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+    """Mean and deviation over the candidates; None where there is no model, or none can be fit."""
+    if not has_posterior(method):
+        return None
+    try:
+        return optimizer.posterior()
+    except FitError:
+        return None
 
 
 def _read_space(database: Database, study_id: int, environment: str) -> Space:

@@ -56,6 +56,12 @@ class CraneEnvironment(StrEnum):
     env2 = "env2"
 
 
+class Engine(StrEnum):
+    local = "local"
+    dask = "dask"
+    ray = "ray"
+
+
 DataDir = Annotated[
     Path | None,
     typer.Option(
@@ -308,6 +314,45 @@ def replay(slug: Slug, data_dir: DataDir = None) -> None:
             )
     out.print(f"{trials} trials, {queries} queries replayed; {different} came out otherwise.")
     raise Exit(1 if different else 0)
+
+
+@app.command()
+def reproduce(
+    out_dir: Annotated[Path, typer.Option("--out", help="Folder to write to, and to go on in.")],
+    figures: Annotated[
+        str | None, typer.Option(help="The paper's figures, as in 10,12; default: all.")
+    ] = None,
+    trials: Annotated[
+        int | None, typer.Option(min=2, help="Of each method; default: as many as the paper.")
+    ] = None,
+    jobs: Annotated[int, typer.Option(min=1, max=256, help="Trials at a time.")] = 1,
+    engine: Annotated[Engine, typer.Option(help="Where trials run.")] = Engine.local,
+    seed: Annotated[int, typer.Option(min=0, help="Another seed, another set of trials.")] = 0,
+) -> None:
+    """Run the paper's experiments again; interrupted, it goes on where it was."""
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
+
+    from app.lab.engines import EngineError
+    from app.lab.experiments import ExperimentError, chosen_figures
+    from app.lab.reproduce import reproduce as reproduce_figures
+    from app.lab.store import OtherResultsError
+
+    columns = (BarColumn(), MofNCompleteColumn(), "trials", TimeRemainingColumn())
+    with Progress("reproducing", *columns, console=out) as progress:
+        task = progress.add_task("")
+        try:
+            report = reproduce_figures(
+                out_dir,
+                figures=chosen_figures(figures),
+                trials=trials,
+                seed=seed,
+                jobs=jobs,
+                engine=engine.value,
+                progress=lambda done, total: progress.update(task, completed=done, total=total),
+            )
+        except (EngineError, ExperimentError, OtherResultsError) as error:
+            raise typer.BadParameter(str(error)) from error
+    out.print(str(report))
 
 
 if __name__ == "__main__":

@@ -1,0 +1,120 @@
+"""What an evaluator's browser is sent tells nothing of what is compared, or how."""
+
+from __future__ import annotations
+
+import html
+import re
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+from app.services.studies import StudyInfo
+from tests.conftest import Clock
+
+from .client import Api, Session, by_turns
+
+State = dict[str, Any]
+
+#: All that a state may hold; a new key has to be thought about before it is added here.
+ALLOWED = {
+    *("stage", "progress", "trial", "trials", "query", "queries", "study", "slug", "title"),
+    *("contact", "language", "consent", "version", "html", "instructions", "familiarisation"),
+    *("videos", "required", "url", "duration_s", "id", "left", "right", "skip", "label"),
+    *("prefetch", "break", "break_s", "ends_at", "seconds_left", "debrief"),
+}
+#: What the study knows and an evaluator must not: conditions, methods, environments, settings.
+TELLING = re.compile(
+    r"pbpo-no|no-synthesis|no-skip|knockout|thompson|synthesis|acquisition|"
+    r"env1|env2|\bw0\b|\bw1\b|score|candidate|recording|seed|\bcrane\b|posterior|method|condition",
+    re.IGNORECASE,
+)
+OPAQUE = re.compile(r"/media/[A-Za-z0-9]{22}\.mp4")
+
+
+def walk(value: Any, path: str = "") -> Iterator[tuple[str, str, Any]]:
+    """Every key of a state with its path and what it holds, if that is no further mapping."""
+    if isinstance(value, dict):
+        for key, inner in value.items():
+            yield f"{path}/{key}", key, None if isinstance(inner, dict | list) else inner
+            yield from walk(inner, f"{path}/{key}")
+    elif isinstance(value, list):
+        for inner in value:
+            if isinstance(inner, dict | list):
+                yield from walk(inner, path)
+            else:
+                yield path, "", inner
+
+
+def states(client: Api, clock: Clock) -> Iterator[State]:
+    """Every state of a whole session, as each call answers it."""
+    session: Session = client.start(external_ids={"PROLIFIC_PID": "5f0c1ada"})
+    yield session.state
+    choose = by_turns("left", "right", "skip")
+    while session.state["stage"] != "completed":
+        response = choose(session.state) if session.state["stage"] == "query" else ""
+        session.step(response, clock.forward)
+        yield session.state
+        yield session.look()
+
+
+def test_no_state_holds_a_key_that_nobody_thought_about(
+    client: Api, learning_study: StudyInfo, clock: Clock
+) -> None:
+    unknown = {
+        path
+        for state in states(client, clock)
+        for path, key, _ in walk(state)
+        if key and key not in ALLOWED
+    }
+    assert unknown == set()
+
+
+def test_no_state_tells_what_is_compared(
+    client: Api, learning_study: StudyInfo, clock: Clock
+) -> None:
+    for state in states(client, clock):
+        told = [
+            (path, value)
+            for path, _, value in walk(state)
+            if isinstance(value, str) and TELLING.search(value)
+        ]
+        assert told == []
+        assert "5f0c1ada" not in str(state)
+        urls = re.findall(r"/media/[^'\"]*", str(state))
+        assert all(OPAQUE.fullmatch(url) for url in urls)
+
+
+def test_numbers_in_a_query_say_nothing_but_how_long_a_video_is(
+    client: Api, learning_study: StudyInfo
+) -> None:
+    query = client.start().to_first_query().state["query"]
+    numbers = [(key, value) for _, key, value in walk(query) if isinstance(value, int | float)]
+    assert numbers == [("duration_s", 10.0), ("duration_s", 10.0)]
+
+
+@pytest.mark.parametrize("stage", ["consent", "familiarisation", "query", "break", "completed"])
+def test_no_page_tells_what_is_compared(
+    client: Api, learning_study: StudyInfo, clock: Clock, stage: str
+) -> None:
+    session = client.start().to_stage(stage, clock.forward)
+    client.cookies.set("pbpo_session_short", session.token)
+    page = html.unescape(client.get("/s/short").text).replace('method="post"', "")
+    assert TELLING.findall(page) == []
+
+
+def test_addresses_of_videos_follow_no_order(
+    client: Api, learning_study: StudyInfo, api_token: str
+) -> None:
+    recordings = client.table("recordings", api_token)
+    ids = recordings["public_id"]
+    assert ids.is_unique
+    assert ids.str.fullmatch("[A-Za-z0-9]{22}").all()
+    ranks = ids.rank()
+    assert abs(ranks.corr(recordings["candidate"])) < 0.15
+    assert abs(ranks.corr(recordings["score"])) < 0.15
+
+
+def test_the_document_of_the_api_names_no_method(client: Api) -> None:
+    document = client.get("/openapi.json").text
+    assert re.findall(r"pbpo-no|knockout|thompson|env1|env2", document) == []

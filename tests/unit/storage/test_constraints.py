@@ -1,0 +1,208 @@
+"""The database defends the data even where the code is wrong."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from datetime import UTC, datetime
+from typing import Any
+
+import pytest
+from sqlalchemy import select
+from sqlalchemy.exc import IntegrityError
+from sqlalchemy.orm import Session
+
+from app.services.studio import Studio
+from app.storage.tables import (
+    Acquired,
+    Base,
+    Candidate,
+    Event,
+    Participant,
+    PlanVersion,
+    PreferenceRow,
+    QueryRow,
+    Recording,
+    Response,
+    SessionRow,
+    Study,
+    Trial,
+)
+
+NOW = datetime(2026, 3, 1, tzinfo=UTC)
+
+
+def study(**changes: Any) -> Study:
+    return Study(**{"id": 1, "slug": "s", "status": "open", "created_at": NOW, **changes})
+
+
+def session_row(**changes: Any) -> SessionRow:
+    values: dict[str, Any] = {
+        "public_id": "S-1",
+        "study_id": 1,
+        "plan_id": 1,
+        "participant_id": 1,
+        "token_hash": "h",
+        "mode": "live",
+        "language": "en",
+        "seed": 1,
+        "order_index": 0,
+        "trial_conditions": [0],
+        "stage": "query",
+        "trial_index": 0,
+        "query_index": 0,
+        "started_at": NOW,
+        "last_seen_at": NOW,
+        "expires_at": NOW,
+    }
+    return SessionRow(**{**values, **changes})
+
+
+def query(**changes: Any) -> QueryRow:
+    values: dict[str, Any] = {
+        "public_id": "q",
+        "trial_id": 1,
+        "query_index": 0,
+        "trial_type": "random",
+        "left_candidate": 0,
+        "right_candidate": 1,
+        "left_recording_id": 1,
+        "right_recording_id": 2,
+        "acquisition": "random",
+        "seed": 1,
+        "engine_version": "1",
+        "created_at": NOW,
+    }
+    return QueryRow(**{**values, **changes})
+
+
+def response(**changes: Any) -> Response:
+    values: dict[str, Any] = {"query_id": 1, "response": "left", "rt_ms": 1.0, "answered_at": NOW}
+    return Response(**{**values, **changes})
+
+
+def preference(**changes: Any) -> PreferenceRow:
+    values: dict[str, Any] = {
+        "trial_id": 1,
+        "preference_index": 0,
+        "winner": 0,
+        "loser": 1,
+        "origin": "answer",
+        "query_index": 0,
+    }
+    return PreferenceRow(**{**values, **changes})
+
+
+def event(**changes: Any) -> Event:
+    values: dict[str, Any] = {
+        "session_id": 1,
+        "trial_index": 0,
+        "query_index": 0,
+        "event": "playing",
+        "time_ms": 1.0,
+    }
+    return Event(**{**values, **changes})
+
+
+def recording(**changes: Any) -> Recording:
+    values: dict[str, Any] = {
+        "candidate_id": 1,
+        "run_index": 0,
+        "public_id": "r",
+        "source": "crane",
+        "locator": "env1/0/0",
+        "duration_s": 10.0,
+    }
+    return Recording(**{**values, **changes})
+
+
+@pytest.fixture
+def stocked(studio: Studio) -> Studio:
+    """A studio with a session at its first query, which is answered."""
+    with studio.database.write() as session:
+        session.add(study())
+        session.flush()
+        session.add(
+            PlanVersion(
+                id=1, study_id=1, version=1, plan_hash="h", plan={}, texts={}, created_at=NOW
+            )
+        )
+        for index in (0, 1):
+            place: dict[str, Any] = {
+                "id": index + 1,
+                "study_id": 1,
+                "candidate_index": index,
+                "parameters": {},
+            }
+            session.add(Candidate(environment="env1", **place))
+        session.add(Participant(id=1, study_id=1, pseudonym="P-1", created_at=NOW))
+        session.flush()
+        session.add(recording(id=1))
+        session.add(recording(id=2, candidate_id=2, public_id="r2"))
+        session.add(session_row(id=1))
+        session.flush()
+        session.add(
+            Trial(
+                id=1,
+                session_id=1,
+                trial_index=0,
+                condition="c",
+                method="pbpo",
+                environment="env1",
+                seed=1,
+                started_at=NOW,
+            )
+        )
+        session.flush()
+        session.add(query(id=1))
+        session.flush()
+        session.add_all([response(id=1), preference(id=1)])
+        acquired = {"trial_id": 1, "query_index": 0, "candidate": 0}
+        session.add(Acquired(id=1, **acquired))
+    return studio
+
+
+REFUSED: list[tuple[str, Callable[[], Base]]] = [
+    ("UNIQUE constraint failed: studies.slug", lambda: study(id=2)),
+    ("ck_studies_status", lambda: study(id=2, slug="other", status="ajar")),
+    ("UNIQUE constraint failed: sessions.token_hash", lambda: session_row(public_id="S-2")),
+    ("ck_sessions_mode", lambda: session_row(public_id="S-2", token_hash="i", mode="dream")),
+    ("ck_sessions_stage", lambda: session_row(public_id="S-2", token_hash="i", stage="lunch")),
+    ("ck_sessions_position", lambda: session_row(public_id="S-2", token_hash="i", query_index=-1)),
+    ("queries.query_index", lambda: query(public_id="a second one for the same place")),
+    ("queries.public_id", lambda: query(query_index=1)),
+    ("ck_queries_two_candidates", lambda: query(public_id="p", query_index=1, right_candidate=0)),
+    ("ck_queries_query_index", lambda: query(public_id="p", query_index=-1)),
+    ("FOREIGN KEY", lambda: query(public_id="p", query_index=1, left_recording_id=99)),
+    ("UNIQUE constraint failed: responses.query_id", lambda: response(response="right")),
+    ("FOREIGN KEY", lambda: response(query_id=99)),
+    ("ck_responses_response", lambda: response(query_id=99, response="both")),
+    ("ck_responses_rt", lambda: response(query_id=99, rt_ms=-1.0)),
+    ("preferences.preference_index", preference),
+    ("ck_preferences_origin", lambda: preference(preference_index=1, origin="guess")),
+    ("ck_preferences_two_candidates", lambda: preference(preference_index=1, winner=1)),
+    ("ck_events_side", lambda: event(side="top")),
+    ("recordings.run_index", lambda: recording(public_id="r3")),
+    ("ck_recordings_source", lambda: recording(public_id="r3", run_index=1, source="dream")),
+]
+
+
+@pytest.mark.parametrize(("constraint", "row"), REFUSED, ids=[name for name, _ in REFUSED])
+def test_a_row_that_cannot_be_is_refused_by_a_named_constraint(
+    stocked: Studio, constraint: str, row: Callable[[], Base]
+) -> None:
+    with pytest.raises(IntegrityError, match=constraint), stocked.database.write() as session:
+        session.add(row())
+
+
+def test_deleting_a_participant_takes_all_of_theirs_along(stocked: Studio) -> None:
+    with stocked.database.write() as session:
+        session.execute(Participant.__table__.delete())  # type: ignore[attr-defined]
+    with stocked.database.read() as session:
+        for table in (SessionRow, Trial, QueryRow, Response, PreferenceRow, Acquired):
+            assert _count(session, table) == 0, table.__tablename__
+        assert _count(session, Study) == 1
+        assert _count(session, Recording) == 2
+
+
+def _count(session: Session, table: type[Base]) -> int:
+    return len(session.execute(select(table)).all())

@@ -1,0 +1,74 @@
+"""Transactions: all or nothing, a steady view for readers, one writer after the other."""
+
+from __future__ import annotations
+
+import threading
+import time
+from datetime import UTC, datetime
+
+import pytest
+from sqlalchemy import func, select, text
+
+from app.services.studio import Studio
+from app.storage.database import Database
+from app.storage.tables import Study
+
+
+def study(slug: str) -> Study:
+    return Study(slug=slug, status="draft", created_at=datetime(2026, 3, 1, tzinfo=UTC))
+
+
+def count(database: Database) -> int:
+    with database.read() as session:
+        return session.scalar(select(func.count(Study.id))) or 0
+
+
+def test_a_write_that_fails_leaves_nothing(studio: Studio) -> None:
+    def write() -> None:
+        with studio.database.write() as session:
+            session.add(study("a"))
+            session.flush()
+            raise RuntimeError("half-way")
+
+    with pytest.raises(RuntimeError, match="half-way"):
+        write()
+    assert count(studio.database) == 0
+
+
+def test_a_reader_sees_what_was_there_when_it_began(studio: Studio) -> None:
+    statement = select(func.count(Study.id))
+    with studio.database.read() as reader:
+        assert reader.scalar(statement) == 0
+        with studio.database.write() as session:
+            session.add(study("a"))
+        assert reader.scalar(statement) == 0
+    assert count(studio.database) == 1
+
+
+def test_a_writer_waits_for_the_one_before_instead_of_failing(studio: Studio) -> None:
+    first_is_in = threading.Event()
+
+    def write_slowly() -> None:
+        with studio.database.write() as session:
+            session.add(study("first"))
+            session.flush()
+            first_is_in.set()
+            time.sleep(0.1)
+
+    thread = threading.Thread(target=write_slowly)
+    thread.start()
+    first_is_in.wait(5)
+    # It reads before it writes: a lock that came only with the write would be refused here.
+    with studio.database.write() as session:
+        assert session.scalar(select(func.count(Study.id))) == 1
+        session.add(study("second"))
+    thread.join()
+    assert count(studio.database) == 2
+
+
+@pytest.mark.parametrize(
+    ("pragma", "value"), [("synchronous", 2), ("foreign_keys", 1), ("journal_mode", "wal")]
+)
+def test_what_is_acknowledged_is_on_the_disk(studio: Studio, pragma: str, value: int | str) -> None:
+    with studio.database.read() as session:
+        assert session.scalar(text(f"PRAGMA {pragma}")) == value

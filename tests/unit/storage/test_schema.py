@@ -1,0 +1,66 @@
+"""The schema that migrations build is the one that the models describe."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from alembic.autogenerate import compare_metadata
+from alembic.migration import MigrationContext
+from sqlalchemy import CheckConstraint, inspect
+
+from app.storage.database import Database
+from app.storage.schema import migrate
+from app.storage.tables import Base
+
+
+@pytest.fixture
+def database(tmp_path: Path) -> Iterator[Database]:
+    url = f"sqlite:///{tmp_path / 'pbpo.sqlite3'}"
+    migrate(url)
+    database = Database(url)
+    yield database
+    database.close()
+
+
+def test_nothing_is_left_to_migrate(database: Database) -> None:
+    with database.engine.connect() as connection:
+        context = MigrationContext.configure(connection, opts={"compare_type": True})
+        assert compare_metadata(context, Base.metadata) == []
+
+
+def test_the_checks_are_those_of_the_models(database: Database) -> None:
+    found = inspect(database.engine)
+    for table in Base.metadata.sorted_tables:
+        described = {
+            str(check.name): _plain(str(check.sqltext))
+            for check in table.constraints
+            if isinstance(check, CheckConstraint)
+        }
+        built = {
+            str(check["name"]): _plain(check["sqltext"])
+            for check in found.get_check_constraints(table.name)
+        }
+        assert built == described, table.name
+
+
+def test_every_constraint_has_a_name(database: Database) -> None:
+    found = inspect(database.engine)
+    for table in found.get_table_names():
+        if table == "alembic_version":
+            continue
+        constraints = [*found.get_unique_constraints(table), *found.get_foreign_keys(table)]
+        assert all(constraint["name"] for constraint in constraints), table
+
+
+def test_migrating_again_changes_nothing(tmp_path: Path) -> None:
+    url = f"sqlite:///{tmp_path / 'pbpo.sqlite3'}"
+    migrate(url)
+    before = (tmp_path / "pbpo.sqlite3").read_bytes()
+    migrate(url)
+    assert (tmp_path / "pbpo.sqlite3").read_bytes() == before
+
+
+def _plain(sql: str) -> str:
+    return " ".join(sql.split())

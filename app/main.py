@@ -13,7 +13,16 @@ from starlette.types import Scope
 from app import __version__
 from app.services.settings import Settings
 from app.services.studio import Studio, open_studio
-from app.web import api, experimenter_pages, exports, media, participant_pages, problems, security
+from app.web import (
+    api,
+    experimenter_pages,
+    exports,
+    leaving_pages,
+    media,
+    participant_pages,
+    problems,
+    security,
+)
 from app.web.templating import STATIC
 
 
@@ -62,7 +71,7 @@ def create_app(
     app.add_middleware(security.Guard)
     app.add_exception_handler(experimenter_pages.ToSignIn, _to_sign_in)
     app.mount("/static", KeptStaticFiles(directory=STATIC), name="static")
-    for module in (api, exports, media, participant_pages, experimenter_pages):
+    for module in (api, exports, media, participant_pages, leaving_pages, experimenter_pages):
         app.include_router(module.router)
     return app
 

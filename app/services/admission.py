@@ -21,7 +21,7 @@ from . import studies
 from .errors import ForbiddenError, StudyNotOpenError
 from .state import State
 from .studio import Studio
-from .tokens import new_pseudonym, new_secret, secret_hash
+from .tokens import new_pseudonym, new_secret, receipt_code, receipt_hash, secret_hash
 
 LIVE = "live"
 PREVIEW = "preview"
@@ -92,6 +92,7 @@ def start(
             plan_id=study.plan_id,
             participant_id=participant.id,
             token_hash=secret_hash(token),
+            receipt_hash=receipt_hash(receipt_code(token)),
             mode=mode,
             language=_language(study.plan, language),
             seed=seed,

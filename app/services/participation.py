@@ -12,13 +12,12 @@ from datetime import datetime
 
 import numpy as np
 from sqlalchemy import func, select
-from sqlalchemy.orm import Session, contains_eager, joinedload, selectinload
+from sqlalchemy.orm import Session, contains_eager, joinedload
 
 from app.pbbo import allows_skip
 from app.storage.tables import (
     Acquired,
     Event,
-    Identity,
     PreferenceRow,
     QueryRow,
     Response,
@@ -28,19 +27,17 @@ from app.storage.tables import (
 from app.study import protocol
 from app.study.protocol import Stage
 
+from . import sessions, studies
 from . import state as session_state
-from . import studies
 from .errors import (
     AlreadyAnsweredError,
     NotFoundError,
-    SessionExpiredError,
-    SignInRequiredError,
     SkipNotOfferedError,
 )
 from .proposals import NextQuery, Step
 from .state import State
 from .studio import Studio
-from .tokens import new_public_id, secret_hash
+from .tokens import new_public_id
 
 
 @dataclass(frozen=True)
@@ -67,17 +64,17 @@ class Answer:
 def current(studio: Studio, token: str) -> State:
     """Where the session is."""
     with studio.database.read() as session:
-        return session_state.describe(studio, session, _session(studio, session, token))
+        return session_state.describe(studio, session, sessions.find(studio, session, token))
 
 
 def consent(studio: Studio, token: str, version: str) -> State:
     """Agree to the consent of `version`. Raises StaleConsent if the text is another one now."""
     with studio.database.write() as session:
-        row = _session(studio, session, token, to_write=True)
+        row = sessions.find(studio, session, token, to_write=True)
         written = row.plan.texts[row.language]
         now_in_force = session_state.consent_text(written)["version"]
         event = protocol.Consented(version=version, current_version=now_in_force)
-        _advance(studio, row, event)
+        sessions.advance(studio, row, event)
         row.consent_version = version
         row.consented_at = studio.now()
         state = session_state.describe(studio, session, row)
@@ -90,8 +87,8 @@ def consent(studio: Studio, token: str, version: str) -> State:
 def go_on(studio: Studio, token: str) -> State:
     """Leave a page that only has to be left. Raises OutOfOrder, or BreakNotOver."""
     with studio.database.write() as session:
-        row = _session(studio, session, token, to_write=True)
-        _advance(studio, row, protocol.Continued(at=studio.now()))
+        row = sessions.find(studio, session, token, to_write=True)
+        sessions.advance(studio, row, protocol.Continued(at=studio.now()))
         if row.stage == Stage.QUERY:
             _begin_trial(studio, session, row)
         return session_state.describe(studio, session, row)
@@ -100,7 +97,7 @@ def go_on(studio: Studio, token: str) -> State:
 def respond(studio: Studio, token: str, answer: Answer) -> State:
     """Store a response and move on. The same response again changes nothing."""
     with studio.database.read() as session:
-        row = _session(studio, session, token)
+        row = sessions.find(studio, session, token)
         query = _query_of(session, row, answer.query_id)
         if not _is_new(row, query, answer):
             return session_state.describe(studio, session, row)
@@ -115,13 +112,13 @@ def respond(studio: Studio, token: str, answer: Answer) -> State:
     step = studio.proposer.step(trial, (*history, pressed))
 
     with studio.database.write() as session:
-        row = _session(studio, session, token, to_write=True)
+        row = sessions.find(studio, session, token, to_write=True)
         query = _query_of(session, row, answer.query_id)
         if not _is_new(row, query, answer):
             return session_state.describe(studio, session, row)
         now = studio.now()
         # Raises if another query is the open one: nothing has been written yet.
-        _advance(studio, row, protocol.Responded(query_index=query.query_index, at=now))
+        sessions.advance(studio, row, protocol.Responded(query_index=query.query_index, at=now))
         _store(session, row, query, answer, now)
         _store_lessons(session, query, step)
         if row.stage == Stage.QUERY and row.trial_index == query.trial.trial_index:
@@ -137,46 +134,6 @@ def respond(studio: Studio, token: str, answer: Answer) -> State:
             first = _first_query(studio, row)
             studio.proposer.render([first.left, first.right])
         return session_state.describe(studio, session, row)
-
-
-def withdraw(studio: Studio, token: str) -> State:
-    """Stop. Before consent nothing of the person stays but that somebody declined."""
-    with studio.database.write() as session:
-        row = _session(studio, session, token, to_write=True)
-        _advance(studio, row, protocol.Withdrew())
-        if row.stage == Stage.DECLINED:
-            session.query(Identity).filter_by(participant_id=row.participant_id).delete()
-        return session_state.describe(studio, session, row)
-
-
-def _session(studio: Studio, session: Session, token: str, *, to_write: bool = False) -> SessionRow:
-    statement = (
-        select(SessionRow)
-        .where(SessionRow.token_hash == secret_hash(token))
-        .options(
-            selectinload(SessionRow.trials),
-            joinedload(SessionRow.plan),
-            joinedload(SessionRow.study),
-        )
-    )
-    if to_write:
-        statement = statement.with_for_update(of=SessionRow)
-    row = session.scalar(statement)
-    if row is None:
-        raise SignInRequiredError("expected the token of a session, got one that nobody was given")
-    if row.stage not in session_state.ENDED and studio.now() >= row.expires_at:
-        raise SessionExpiredError(
-            f"the session expired at {row.expires_at.isoformat(timespec='seconds')}"
-        )
-    return row
-
-
-def _advance(studio: Studio, row: SessionRow, event: protocol.Event) -> None:
-    plan = studies.stored_plan(row.plan)
-    session_state.place(row, protocol.advance(plan, session_state.read_progress(row), event))
-    row.last_seen_at = studio.now()
-    if row.stage in session_state.ENDED:
-        row.ended_at = studio.now()
 
 
 def _begin_trial(studio: Studio, session: Session, row: SessionRow) -> None:

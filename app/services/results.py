@@ -9,7 +9,15 @@ from datetime import datetime
 
 from sqlalchemy import case, func, select
 
-from app.storage.tables import Participant, QueryRow, Response, SessionRow, Study, Trial
+from app.storage.tables import (
+    Participant,
+    QueryRow,
+    Response,
+    SessionRow,
+    Study,
+    Tombstone,
+    Trial,
+)
 from app.study.protocol import Stage, position
 
 from . import studies
@@ -117,6 +125,19 @@ def sessions(studio: Studio, slug: str, mode: str | None) -> list[SessionLine]:
                 )
             )
         return lines
+
+
+def deleted(studio: Studio, slug: str, mode: str | None) -> int:
+    """How many sessions of one mode (None: all) were deleted at their person's wish."""
+    statement = (
+        select(func.count(Tombstone.id))
+        .join(Study, Tombstone.study_id == Study.id)
+        .where(Study.slug == slug)
+    )
+    if mode is not None:
+        statement = statement.where(Tombstone.mode == mode)
+    with studio.database.read() as session:
+        return session.scalar(statement) or 0
 
 
 def counts(studio: Studio) -> Mapping[tuple[str, str], Counts]:

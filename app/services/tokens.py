@@ -8,6 +8,9 @@ import secrets
 #: No vowels and no look-alikes: no words by accident, no doubt when read aloud.
 _ALPHABET = "23456789BCDFGHJKLMNPQRSTVWXZ"
 
+#: Enough that guessing is hopeless without a limit on tries: 28^16 is over 2^76.
+_RECEIPT_LETTERS = 16
+
 
 def new_secret() -> str:
     """256 random bits, safe in a URL and in a header."""
@@ -22,6 +25,25 @@ def secret_hash(secret: str) -> str:
 def new_public_id() -> str:
     """128 random bits: an address that can be given away and not guessed."""
     return secrets.token_urlsafe(16)
+
+
+def receipt_code(token: str) -> str:
+    """The code that goes with a session's token, such as `7KQ2-MXRD-9FWT-4BHC`: 76 bits.
+
+    It is worked out from the token, so that every page of the session can show it again although
+    nobody keeps it: of the code, as of the token, only a hash is stored.
+    """
+    number = int.from_bytes(hashlib.sha256(f"receipt:{token}".encode()).digest(), "big")
+    letters = ""
+    for _ in range(_RECEIPT_LETTERS):
+        number, place = divmod(number, len(_ALPHABET))
+        letters += _ALPHABET[place]
+    return "-".join(letters[start : start + 4] for start in range(0, _RECEIPT_LETTERS, 4))
+
+
+def receipt_hash(code: str) -> str:
+    """Hash of a receipt's code, however a person has typed it: spaces, hyphens, small letters."""
+    return secret_hash("".join(filter(str.isalnum, code.upper())))
 
 
 def new_pseudonym(prefix: str) -> str:

@@ -7,7 +7,7 @@ half-way because somebody else wrote meanwhile.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from typing import Any
 
 from sqlalchemy import Connection, Engine, create_engine, event
@@ -16,6 +16,9 @@ from sqlalchemy.orm import Session, sessionmaker
 
 #: How long a writer waits for another before it gives up, in milliseconds.
 SQLITE_BUSY_TIMEOUT_MS = 15_000
+
+#: How long emptying the write-ahead log may wait for those who read, in milliseconds.
+SCRUB_TIMEOUT_MS = 2_000
 
 #: Execution option that marks a connection as one that will write.
 _WRITES = "pbpo_writes"
@@ -50,6 +53,23 @@ class Database:
         with self._writers.begin() as session:
             yield session
 
+    def scrub(self) -> None:
+        """Take what was deleted off the disk, as far as the database leaves that to us.
+
+        SQLite overwrites deleted rows with zeros, but its write-ahead log holds the pages as they
+        were until it is emptied. PostgreSQL sees to its old rows itself.
+        """
+        if not self.is_sqlite:
+            return
+        with closing(self.engine.raw_connection()) as connection:
+            cursor = connection.cursor()
+            # Somebody who reads just now would be waited for: the next deletion, or the log's
+            # own turn, does it then.
+            cursor.execute(f"PRAGMA busy_timeout = {SCRUB_TIMEOUT_MS}")
+            cursor.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+            cursor.execute(f"PRAGMA busy_timeout = {SQLITE_BUSY_TIMEOUT_MS}")
+            cursor.close()
+
     def close(self) -> None:
         self.engine.dispose()
 
@@ -73,6 +93,8 @@ def _configure_sqlite(connection: Any, _record: Any) -> None:
     # An acknowledged response must survive a power cut, so every commit reaches the disk.
     cursor.execute("PRAGMA synchronous = FULL")
     cursor.execute("PRAGMA foreign_keys = ON")
+    # What a person has had deleted must not be found in the file's free pages.
+    cursor.execute("PRAGMA secure_delete = ON")
     cursor.close()
 
 

@@ -6,12 +6,15 @@ from typing import Any
 
 from fastapi import APIRouter, Response
 
-from app.services import admission, participation
+from app.services import admission, participation, withdrawal
 from app.services.participation import Answer, Happening
+from app.services.tokens import receipt_code
 
 from .problems import refusals
 from .schemas import (
+    AskForDeletion,
     GiveConsent,
+    Leave,
     Respond,
     SessionState,
     Started,
@@ -43,7 +46,13 @@ def start_session(
         language=body.language,
         by_experimenter=caller is not None,
     )
-    return {"token": token, "session": state}
+    return {"token": token, "receipt": receipt_code(token), "session": state}
+
+
+@router.post("/studies/{slug}/deletions", status_code=204, responses=refusals(404, 422))
+def delete_by_receipt(slug: str, body: AskForDeletion, studio: StudioDep) -> None:
+    """Delete what the holder of a receipt gave: without an account, at any time."""
+    withdrawal.delete_by_receipt(studio, slug, body.receipt)
 
 
 @router.get("/session", response_model=SessionState, responses=refusals(401))
@@ -85,7 +94,9 @@ def respond(body: Respond, studio: StudioDep, token: SessionToken) -> State:
     return participation.respond(studio, token, answer)
 
 
-@router.post("/session/withdraw", response_model=SessionState, responses=refusals(401, 409))
-def withdraw(studio: StudioDep, token: SessionToken) -> State:
-    """Stop. Before consent this declines."""
-    return participation.withdraw(studio, token)
+@router.post("/session/withdraw", response_model=SessionState, responses=refusals(401, 409, 422))
+def withdraw(studio: StudioDep, token: SessionToken, body: Leave | None = None) -> State:
+    """Stop. Before consent this declines. With `delete` the session is gone afterwards."""
+    if body is not None and body.delete:
+        return withdrawal.withdraw_and_delete(studio, token)
+    return withdrawal.withdraw(studio, token)

@@ -157,7 +157,11 @@ def one_study(
             "closed_at": study.closed_at,
             "payload_mb": results.payload_mb(studio, study),
         },
-        counts={"active": len(lines) - sum(ended.values()), **ended},
+        counts={
+            "active": len(lines) - sum(ended.values()),
+            **ended,
+            "deleted": results.deleted(studio, slug, None if mode == "all" else mode),
+        },
         sessions=lines,
         tables=[
             {

@@ -2,24 +2,22 @@
 
 from __future__ import annotations
 
-from contextlib import suppress
-from typing import Annotated, Any
+from typing import Annotated
 
 from fastapi import APIRouter, Form, Request
-from fastapi.responses import RedirectResponse, Response
+from fastapi.responses import Response
 
-from app.services import admission, participation
+from app.services import admission, participation, withdrawal
 from app.services.errors import (
     SessionExpiredError,
     SignInRequiredError,
     StudyNotOpenError,
 )
-from app.services.state import ENDED, State
+from app.services.state import State
 from app.services.studio import Studio
-from app.study.protocol import ProtocolError
 
 from .security import SESSION_COOKIE_SECONDS, StudioDep, session_cookie, set_cookie
-from .templating import page
+from .session_pages import do, is_known, render, to_stage, token_of
 
 router = APIRouter(prefix="/s/{slug}", include_in_schema=False)
 
@@ -45,9 +43,9 @@ _TITLES = {
 def enter(slug: str, request: Request, studio: StudioDep) -> Response:
     """The page of the stage that the browser's session is in; for a newcomer, the consent."""
     try:
-        state = participation.current(studio, _token(request, slug))
+        state = participation.current(studio, token_of(request, slug))
     except SessionExpiredError:
-        response = _page(request, slug, "participant/expired.html", "The session has expired")
+        response = render(request, slug, "participant/expired.html", "The session has expired")
         response.delete_cookie(session_cookie(slug))
         return response
     except SignInRequiredError:
@@ -61,14 +59,14 @@ def consent(
 ) -> Response:
     """Agree. Only now is anything kept of a newcomer."""
     token = request.cookies.get(session_cookie(slug))
-    if token is None or not _is_known(studio, token):
+    if token is None or not is_known(studio, token):
         entrance = admission.entrance(studio, slug)
         if version != entrance.consent["version"]:
-            return _to_stage(slug)
+            return to_stage(slug)
         token, _ = admission.start(
             studio, slug, external_ids=_external_ids(request), language=entrance.language
         )
-    response = _do(slug, lambda: participation.consent(studio, token, version))
+    response = do(slug, lambda: participation.consent(studio, token, version))
     set_cookie(response, studio, session_cookie(slug), token, max_age=SESSION_COOKIE_SECONDS)
     return response
 
@@ -77,38 +75,21 @@ def consent(
 def decline(slug: str, request: Request, studio: StudioDep) -> Response:
     """Decline. A newcomer leaves without a trace."""
     token = request.cookies.get(session_cookie(slug))
-    if token is None or not _is_known(studio, token):
-        return _page(request, slug, "participant/declined.html", _TITLES["declined"])
-    return _do(slug, lambda: participation.withdraw(studio, token))
+    if token is None or not is_known(studio, token):
+        return render(request, slug, "participant/declined.html", _TITLES["declined"])
+    return do(slug, lambda: withdrawal.withdraw(studio, token))
 
 
 @router.post("/continue")
 def go_on(slug: str, request: Request, studio: StudioDep) -> Response:
-    return _do(slug, lambda: participation.go_on(studio, _token(request, slug)))
-
-
-@router.get("/withdraw")
-def ask_to_withdraw(slug: str, request: Request, studio: StudioDep) -> Response:
-    """What stopping means, before one does."""
-    try:
-        state = participation.current(studio, _token(request, slug))
-    except (SignInRequiredError, SessionExpiredError):
-        return _to_stage(slug)
-    if state["stage"] in ENDED:
-        return _to_stage(slug)
-    return _page(request, slug, "participant/withdraw.html", "Stop taking part?", state)
-
-
-@router.post("/withdraw")
-def withdraw(slug: str, request: Request, studio: StudioDep) -> Response:
-    return _do(slug, lambda: participation.withdraw(studio, _token(request, slug)))
+    return do(slug, lambda: participation.go_on(studio, token_of(request, slug)))
 
 
 def _entrance(request: Request, slug: str, studio: Studio) -> Response:
     try:
         entrance = admission.entrance(studio, slug)
     except StudyNotOpenError as error:
-        return _page(
+        return render(
             request, slug, "participant/closed.html", "Not open", message=str(error), status=409
         )
     state: State = {
@@ -129,7 +110,7 @@ def _entrance(request: Request, slug: str, studio: Studio) -> Response:
 def _stage_page(request: Request, slug: str, state: State) -> Response:
     stage = state["stage"]
     shown = state.get(stage) or {}
-    return _page(
+    return render(
         request,
         slug,
         f"participant/{stage}.html",
@@ -138,59 +119,6 @@ def _stage_page(request: Request, slug: str, state: State) -> Response:
         html=shown.get("html", ""),
         version=shown.get("version", ""),
     )
-
-
-def _page(
-    request: Request,
-    slug: str,
-    template: str,
-    title: str,
-    state: State | None = None,
-    *,
-    status: int = 200,
-    **context: Any,
-) -> Response:
-    study = state["study"] if state else {"title": None, "contact": None}
-    query = request.url.query
-    values = {
-        "slug": slug,
-        "base": f"/s/{slug}",
-        "query_string": f"?{query}" if query else "",
-        "state": state,
-        "study_title": study["title"],
-        "contact": study["contact"],
-        "language": state["language"] if state else "en",
-        "page_title": title,
-        **context,
-    }
-    return page(request, template, values, status_code=status)
-
-
-def _do(slug: str, action: Any) -> Response:
-    """Do it, and show the stage the session is in then: also if it was out of order."""
-    # A second click, another tab, the way back: the page of the stage says what is to be done.
-    with suppress(ProtocolError, SignInRequiredError, SessionExpiredError):
-        action()
-    return _to_stage(slug)
-
-
-def _to_stage(slug: str) -> Response:
-    return RedirectResponse(f"/s/{slug}", status_code=303)
-
-
-def _token(request: Request, slug: str) -> str:
-    token = request.cookies.get(session_cookie(slug))
-    if token is None:
-        raise SignInRequiredError("this browser has no session of this study")
-    return token
-
-
-def _is_known(studio: Studio, token: str) -> bool:
-    try:
-        participation.current(studio, token)
-    except (SignInRequiredError, SessionExpiredError):
-        return False
-    return True
 
 
 def _external_ids(request: Request) -> dict[str, str]:

@@ -36,8 +36,8 @@ ACQUIRED = [
 ]
 EVENTS = ["session_id", "trial_index", "query_index", "event", "side", "time_ms", "value"]
 IN_THE_ZIP = [
-    *("queries", "preferences", "acquired", "sessions", "participants", "events", "recordings"),
-    "data_dictionary",
+    *("queries", "preferences", "acquired", "sessions", "participants", "deletions", "events"),
+    *("recordings", "data_dictionary"),
 ]
 PLATFORM_ID = "5f0c1ada-prolific"
 
@@ -221,7 +221,7 @@ def test_the_dictionary_lists_every_column_of_every_file_in_order(walked: Walked
         assert described == walked.table(name).columns.to_list()
     assert set(dictionary["type"]) <= {"string", "integer", "number", "datetime"}
     assert dictionary["description"].str.len().min() > 3
-    assert dictionary["file"].nunique() == 9
+    assert dictionary["file"].nunique() == len(IN_THE_ZIP) + 1
     units = dictionary.set_index(["file", "column"])["unit"]
     assert (units["queries.csv", "rt"], units["queries.csv", "left_w0"]) == ("ms", "s")
 

@@ -12,6 +12,7 @@ from app.storage.tables import (
     Participant,
     PlanVersion,
     SessionRow,
+    Tombstone,
     Trial,
 )
 from app.study.plan import Plan
@@ -138,6 +139,26 @@ def _identities_rows(session: Session, request: Request) -> Iterator[Row]:
         yield tuple(row)
 
 
+def _deletions_columns(_plan: Plan) -> tuple[Column, ...]:
+    return (
+        STUDY,
+        MODE,
+        text("stage", "The stage that the session had come to."),
+        moment("deleted_on", "The day of the deletion, at 00:00."),
+    )
+
+
+def _deletions_rows(session: Session, request: Request) -> Iterator[Row]:
+    statement = (
+        select(Tombstone.mode, Tombstone.stage, Tombstone.deleted_at)
+        .where(Tombstone.study_id == request.study.id, Tombstone.mode.in_(request.modes))
+        # By nothing that would say in which order they came within a day.
+        .order_by(Tombstone.deleted_at, Tombstone.mode, Tombstone.stage)
+    )
+    for row in fetch(session, statement):
+        yield request.study.slug, *row
+
+
 SESSIONS = Table("sessions", "One row per session.", _sessions_columns, _sessions_rows)
 PARTICIPANTS = Table(
     "participants", "One row per participant.", _participants_columns, _participants_rows
@@ -147,4 +168,10 @@ IDENTITIES = Table(
     "Ids of recruitment platforms: only on request.",
     _identities_columns,
     _identities_rows,
+)
+DELETIONS = Table(
+    "deletions",
+    "One row per session that was deleted at its person's wish: that it was, and no more.",
+    _deletions_columns,
+    _deletions_rows,
 )

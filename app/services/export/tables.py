@@ -10,7 +10,7 @@ from app.study.plan import Plan
 
 from .answers import ACQUIRED, EVENTS, PREFERENCES, QUERIES
 from .columns import Column, Request, Row, Table, text
-from .people import IDENTITIES, PARTICIPANTS, SESSIONS
+from .people import DELETIONS, IDENTITIES, PARTICIPANTS, SESSIONS
 from .stimuli import RECORDINGS
 
 
@@ -47,6 +47,7 @@ ZIPPED = (
     ACQUIRED,
     SESSIONS,
     PARTICIPANTS,
+    DELETIONS,
     EVENTS,
     RECORDINGS,
     DATA_DICTIONARY,

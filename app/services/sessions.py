@@ -1,0 +1,55 @@
+"""A session's row: found by the token that its browser or program holds, and moved on."""
+
+from __future__ import annotations
+
+from sqlalchemy import select
+from sqlalchemy.orm import Session, joinedload, selectinload
+
+from app.storage.tables import SessionRow
+from app.study import protocol
+
+from . import state as session_state
+from . import studies
+from .errors import SessionExpiredError, SignInRequiredError
+from .studio import Studio
+from .tokens import secret_hash
+
+
+def find(
+    studio: Studio,
+    session: Session,
+    token: str,
+    *,
+    to_write: bool = False,
+    even_expired: bool = False,
+) -> SessionRow:
+    """The session of this token. Raises SignInRequiredError, or SessionExpiredError."""
+    statement = (
+        select(SessionRow)
+        .where(SessionRow.token_hash == secret_hash(token))
+        .options(
+            selectinload(SessionRow.trials),
+            joinedload(SessionRow.plan),
+            joinedload(SessionRow.study),
+        )
+    )
+    if to_write:
+        statement = statement.with_for_update(of=SessionRow)
+    row = session.scalar(statement)
+    if row is None:
+        raise SignInRequiredError("expected the token of a session, got one that nobody was given")
+    open_still = row.stage not in session_state.ENDED
+    if open_still and not even_expired and studio.now() >= row.expires_at:
+        raise SessionExpiredError(
+            f"the session expired at {row.expires_at.isoformat(timespec='seconds')}"
+        )
+    return row
+
+
+def advance(studio: Studio, row: SessionRow, event: protocol.Event) -> None:
+    """Move the session on by what happened. Raises a ProtocolError if it cannot happen now."""
+    plan = studies.stored_plan(row.plan)
+    session_state.place(row, protocol.advance(plan, session_state.read_progress(row), event))
+    row.last_seen_at = studio.now()
+    if row.stage in session_state.ENDED:
+        row.ended_at = studio.now()

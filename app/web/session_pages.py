@@ -1,0 +1,76 @@
+"""What the pages of a session share: whose session a browser has, and how a page is rendered."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Any
+
+from fastapi import Request
+from fastapi.responses import RedirectResponse, Response
+
+from app.services import participation
+from app.services.errors import SessionExpiredError, SignInRequiredError
+from app.services.state import State
+from app.services.studio import Studio
+from app.services.tokens import receipt_code
+from app.study.protocol import ProtocolError
+
+from .security import session_cookie
+from .templating import page
+
+
+def render(
+    request: Request,
+    slug: str,
+    template: str,
+    title: str,
+    state: State | None = None,
+    *,
+    status: int = 200,
+    **context: Any,
+) -> Response:
+    """A page of this study; `context` is what only this page is given."""
+    study = state["study"] if state else {"title": None, "contact": None}
+    query = request.url.query
+    token = request.cookies.get(session_cookie(slug))
+    values = {
+        "slug": slug,
+        "base": f"/s/{slug}",
+        "query_string": f"?{query}" if query else "",
+        "state": state,
+        "study_title": study["title"],
+        "contact": study["contact"],
+        "language": state["language"] if state else "en",
+        "page_title": title,
+        "receipt": receipt_code(token) if state and token else None,
+        **context,
+    }
+    return page(request, template, values, status_code=status)
+
+
+def do(slug: str, action: Callable[[], State]) -> Response:
+    """Do it, and show the stage the session is in then: also if it was out of order."""
+    # A second click, another tab, the way back: the page of the stage says what is to be done.
+    with suppress(ProtocolError, SignInRequiredError, SessionExpiredError):
+        action()
+    return to_stage(slug)
+
+
+def to_stage(slug: str) -> Response:
+    return RedirectResponse(f"/s/{slug}", status_code=303)
+
+
+def token_of(request: Request, slug: str) -> str:
+    token = request.cookies.get(session_cookie(slug))
+    if token is None:
+        raise SignInRequiredError("this browser has no session of this study")
+    return token
+
+
+def is_known(studio: Studio, token: str) -> bool:
+    try:
+        participation.current(studio, token)
+    except (SignInRequiredError, SessionExpiredError):
+        return False
+    return True

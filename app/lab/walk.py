@@ -51,6 +51,11 @@ async def walk(
             case "break":
                 await wait(state["break"]["seconds_left"])
                 body, path = None, "continue"
+            case "familiarisation":
+                for index in range(state["familiarisation"]["required"]):
+                    seen: State = {"index": index}
+                    await _call(client, "POST", "/api/v1/session/watched", token, seen)
+                body, path = None, "continue"
             case _:
                 body, path = None, "continue"
         state = await _call(client, "POST", f"/api/v1/session/{path}", token, body)

@@ -125,8 +125,7 @@ def _assign(
 ) -> tuple[int, tuple[int, ...]]:
     """The order of conditions that the fewest have finished or are in the middle of."""
     plan = study.plan
-    n = len(plan.conditions)
-    orders = assignment.orders(n) if plan.order == "counterbalanced" else (tuple(range(n)),)
+    orders = assignment.plan_orders(plan)
     holds_a_place = or_(
         SessionRow.stage == Stage.COMPLETED.value,
         SessionRow.stage.not_in(session_state.ENDED)

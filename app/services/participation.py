@@ -27,7 +27,7 @@ from app.storage.tables import (
 from app.study import protocol
 from app.study.protocol import Stage
 
-from . import sessions, studies
+from . import playlist, sessions, studies
 from . import state as session_state
 from .errors import (
     AlreadyAnsweredError,
@@ -79,7 +79,7 @@ def consent(studio: Studio, token: str, version: str) -> State:
         row.consented_at = studio.now()
         state = session_state.describe(studio, session, row)
         first = _first_query(studio, row)
-        coming = [first.left, first.right, *session_state.familiarisation_clips(studio, row)]
+        coming = [first.left, first.right, *playlist.clips(studio, row)]
     studio.proposer.render(coming)
     return state
 
@@ -88,9 +88,20 @@ def go_on(studio: Studio, token: str) -> State:
     """Leave a page that only has to be left. Raises OutOfOrder, or BreakNotOver."""
     with studio.database.write() as session:
         row = sessions.find(studio, session, token, to_write=True)
-        sessions.advance(studio, row, protocol.Continued(at=studio.now()))
-        if row.stage == Stage.QUERY:
-            _begin_trial(studio, session, row)
+        watched = len(playlist.watched(row)) if row.stage == Stage.FAMILIARISATION else 0
+        sessions.advance(studio, row, protocol.Continued(at=studio.now(), watched=watched))
+        _arrive(studio, session, row)
+        return session_state.describe(studio, session, row)
+
+
+def watch(studio: Studio, token: str, index: int) -> State:
+    """A video of the familiarisation was watched to its end. The same again changes nothing."""
+    with studio.database.write() as session:
+        row = sessions.find(studio, session, token, to_write=True)
+        if row.stage != Stage.FAMILIARISATION:
+            raise protocol.OutOfOrder(Stage(row.stage), "no video is to be watched now")
+        playlist.mark_watched(row, index)
+        row.last_seen_at = studio.now()
         return session_state.describe(studio, session, row)
 
 
@@ -126,14 +137,23 @@ def respond(studio: Studio, token: str, answer: Answer) -> State:
             session.add(_query_row(step.next, now, trial_id=query.trial_id))
         else:
             query.trial.ended_at = now
-            if row.stage == Stage.QUERY:
-                _begin_trial(studio, session, row)
+            _arrive(studio, session, row)
         session.flush()
-        if row.stage == Stage.BREAK:
-            # Whoever comes back from the break finds the first pair made.
-            first = _first_query(studio, row)
-            studio.proposer.render([first.left, first.right])
         return session_state.describe(studio, session, row)
+
+
+def _arrive(studio: Studio, session: Session, row: SessionRow) -> None:
+    """Prepare what the stage that the session has come to will show."""
+    if row.stage == Stage.QUERY:
+        _begin_trial(studio, session, row)
+    elif row.stage in (Stage.BREAK, Stage.FAMILIARISATION):
+        # Whoever goes on from here finds the first pair made.
+        first = _first_query(studio, row)
+        coming = [first.left, first.right]
+        plan = studies.stored_plan(row.plan)
+        if plan.familiarises_before(row.trial_index):
+            coming = [*playlist.clips(studio, row), *coming]
+        studio.proposer.render(coming)
 
 
 def _begin_trial(studio: Studio, session: Session, row: SessionRow) -> None:

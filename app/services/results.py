@@ -80,7 +80,8 @@ def payload_mb(studio: Studio, study: studies.StudyInfo) -> float | None:
         return None
     mean_bytes = sum(path.stat().st_size for path in paths) / len(paths)
     pairs = study.plan.trials * study.plan.queries_per_trial * PAIRS_LOADED_PER_QUERY
-    return (2 * pairs + study.plan.familiarisation.videos) * mean_bytes / 1e6
+    blocks = study.plan.trials // study.plan.trials_per_block
+    return (2 * pairs + blocks * study.plan.familiarisation.videos) * mean_bytes / 1e6
 
 
 def sessions(studio: Studio, slug: str, mode: str | None) -> list[SessionLine]:

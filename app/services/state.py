@@ -10,17 +10,16 @@ from datetime import datetime
 from functools import lru_cache
 from typing import Any
 
-import numpy as np
 from sqlalchemy import select
 from sqlalchemy.orm import Session, joinedload
 
 from app.storage.tables import QueryRow, Response, SessionRow
 from app.study import texts
-from app.study.assignment import sample_familiarisation
 from app.study.plan import Plan
 from app.study.protocol import FINAL_STAGES, Progress, Stage, position
 
-from .proposals import Clip, History, TrialInHand
+from . import playlist
+from .proposals import History, TrialInHand
 from .studies import stored_plan
 from .studio import Studio
 
@@ -28,9 +27,6 @@ State = dict[str, Any]
 
 #: Stages that nothing leads out of.
 ENDED = tuple(stage.value for stage in FINAL_STAGES)
-
-#: Tells the draw of familiarisation videos apart from every other use of a session's seed.
-_FAMILIARISATION_DRAW = 102
 
 
 def describe(studio: Studio, session: Session, row: SessionRow) -> State:
@@ -56,8 +52,10 @@ def describe(studio: Studio, session: Session, row: SessionRow) -> State:
             state["instructions"] = {"html": rendered(written["instructions"])}
         case Stage.FAMILIARISATION:
             state["familiarisation"] = {
-                "videos": [_video(clip) for clip in familiarisation_clips(studio, row)],
+                "videos": [_video(clip) for clip in playlist.clips(studio, row)],
                 "required": plan.familiarisation.required,
+                "watched": playlist.watched(row),
+                "speeds": list(plan.familiarisation.speeds),
             }
         case Stage.QUERY:
             state["query"] = _query(studio, session, row, plan)
@@ -94,20 +92,6 @@ def rendered(markdown: str) -> str:
 
 def video_url(public_id: str) -> str:
     return f"/media/{public_id}.mp4"
-
-
-def familiarisation_clips(studio: Studio, row: SessionRow) -> tuple[Clip, ...]:
-    """The videos of this session's familiarisation: drawn by its seed, the same at each call."""
-    plan = stored_plan(row.plan)
-    used = dict.fromkeys(condition.environment for condition in plan.conditions)
-    clips = [
-        clip
-        for environment in used
-        for clip in studio.proposer.space(row.study_id, environment).all_clips
-    ]
-    rng = np.random.default_rng([row.seed, _FAMILIARISATION_DRAW])
-    drawn = sample_familiarisation(len(clips), plan.familiarisation.videos, rng)
-    return tuple(clips[index] for index in drawn)
 
 
 def trial_in_hand(row: SessionRow, trial_index: int, seed: int) -> TrialInHand:

@@ -27,10 +27,25 @@ def orders(n: int) -> tuple[tuple[int, ...], ...]:
 
 
 def plan_orders(plan: Plan) -> tuple[tuple[int, ...], ...]:
-    """The orders that sessions of this study are spread over."""
-    if plan.order == "fixed":
-        return (tuple(range(len(plan.conditions))),)
-    return orders(len(plan.conditions))
+    """The orders of conditions that sessions of this study are spread over.
+
+    In blocks, the environments take turns, and within each of them its conditions do.
+    """
+    balanced = plan.order == "counterbalanced"
+    if plan.blocks == "session":
+        n = len(plan.conditions)
+        return orders(n) if balanced else (tuple(range(n)),)
+    groups = [
+        [index for index, condition in enumerate(plan.conditions) if condition.environment == name]
+        for name in plan.used_environments
+    ]
+    if not balanced:
+        return (tuple(index for group in groups for index in group),)
+    return tuple(
+        tuple(groups[group][place] for group in sequence for place in within)
+        for sequence in orders(len(groups))
+        for within in orders(len(groups[0]))
+    )
 
 
 def choose_order(counts: Sequence[int], rng: np.random.Generator) -> int:
@@ -46,11 +61,13 @@ def choose_order(counts: Sequence[int], rng: np.random.Generator) -> int:
 
 
 def trial_conditions(plan: Plan, order: Sequence[int]) -> tuple[int, ...]:
-    """The index of each trial's condition: the order, as often as a condition has trials."""
+    """The index of each trial's condition: a block's order, as often as a condition has trials."""
     if sorted(order) != list(range(len(plan.conditions))):
         expected = f"each of the {len(plan.conditions)} conditions once"
         raise ValueError(f"expected an order with {expected}, got {list(order)}")
-    return tuple(order) * plan.trials_per_condition
+    size = len(order) // (len(plan.used_environments) if plan.blocks == "environment" else 1)
+    blocks = [tuple(order[start : start + size]) for start in range(0, len(order), size)]
+    return tuple(index for block in blocks for index in block * plan.trials_per_condition)
 
 
 def sample_familiarisation(n_recordings: int, k: int, rng: np.random.Generator) -> tuple[int, ...]:

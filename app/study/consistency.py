@@ -5,6 +5,7 @@ These checks read the plan as plain data and pass over whatever is missing or of
 """
 
 import math
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
@@ -60,6 +61,7 @@ METHODS = (
     Method("pbpo-no-synthesis", allows_skip=True),
     Method("pbpo-no-skip", allows_skip=False),
     Method("knockout", allows_skip=False),
+    Method("pbpo-threshold", allows_skip=True),
 )
 
 
@@ -71,6 +73,7 @@ def inconsistencies(plan: Mapping[str, object]) -> list[Inconsistency]:
         *_environments(plan),
         *_conditions(plan),
         *_familiarisation(plan),
+        *_blocks(plan),
     ]
 
 
@@ -145,6 +148,18 @@ def _familiarisation(plan: Mapping[str, object]) -> Iterator[Inconsistency]:
     if isinstance(videos, int) and isinstance(required, int) and required > videos:
         message = f"expected at most the number of videos ({videos}), got {required}"
         yield Inconsistency(("familiarisation", "required"), message)
+
+
+def _blocks(plan: Mapping[str, object]) -> Iterator[Inconsistency]:
+    """Blocks of one length: so the place of a trial alone says which block it is in."""
+    if plan.get("blocks") != "environment":
+        return
+    conditions = [as_mapping(condition) for condition in as_list(plan.get("conditions"))]
+    sizes = Counter(str(condition.get("environment")) for condition in conditions)
+    if len(set(sizes.values())) > 1:
+        counted = ", ".join(f"{number} in {name}" for name, number in sizes.items())
+        message = f"expected as many conditions in each environment, got {counted}"
+        yield Inconsistency(("blocks",), message)
 
 
 def _finite(place: Place, value: object) -> Iterator[Inconsistency]:

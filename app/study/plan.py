@@ -126,6 +126,10 @@ class Plan(Part):
     familiarisation: Familiarisation = Field(
         default=Familiarisation(), description="a mapping such as {videos: 10, required: 0}"
     )
+    blocks: Literal["session", "environment"] = Field(
+        default="session",
+        description="session, or environment to keep the trials of each environment together",
+    )
     session_expires_after_days: StrictInt = Field(
         default=14, ge=1, le=3650, description="a whole number of days from 1 to 3650"
     )
@@ -145,6 +149,21 @@ class Plan(Part):
     def trials(self) -> int:
         """How many trials one session has."""
         return len(self.conditions) * self.trials_per_condition
+
+    @property
+    def used_environments(self) -> tuple[str, ...]:
+        """The environments that conditions name, in the order of the conditions."""
+        return tuple(dict.fromkeys(condition.environment for condition in self.conditions))
+
+    @property
+    def trials_per_block(self) -> int:
+        """How many trials come together, after a familiarisation of their own."""
+        blocks = len(self.used_environments) if self.blocks == "environment" else 1
+        return self.trials // blocks
+
+    def familiarises_before(self, trial_index: int) -> bool:
+        """Whether videos are watched before this trial."""
+        return self.familiarisation.videos > 0 and trial_index % self.trials_per_block == 0
 
     @property
     def default_language(self) -> str:

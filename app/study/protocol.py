@@ -46,8 +46,8 @@ BEFORE_FIRST_TRIAL = frozenset(
 class Progress:
     """Where a session is. Read on its own, `trial_index` is how many trials are finished.
 
-    trial_index: 0-based; the trial the session is in, or that comes next during a break; 0 before
-        the first trial; the number of trials once all are done.
+    trial_index: 0-based; the trial the session is in, or that comes next (in a break, or while a
+        block's videos are watched); the number of trials once all are done.
     query_index: 0-based index of the open query; 0 outside stage query.
     break_ends_at: only in stage break; timezone-aware.
     """
@@ -86,9 +86,10 @@ class Consented:
 
 @dataclass(frozen=True)
 class Continued:
-    """A page that only has to be left is left."""
+    """A page that only has to be left is left; so many of its videos were watched."""
 
     at: datetime
+    watched: int = 0
 
     def __post_init__(self) -> None:
         _require_timezone(self.at)
@@ -141,6 +142,17 @@ class BreakNotOver(ProtocolError):  # noqa: N818 - named for what happened
     def __init__(self, seconds_left: int) -> None:
         super().__init__(f"The break is not over: expected {seconds_left} s more of rest.")
         self.seconds_left = seconds_left
+
+
+class WatchMore(ProtocolError):  # noqa: N818 - named for what happened
+    """`left` videos of the familiarisation are still to be watched to the end."""
+
+    def __init__(self, required: int, watched: int) -> None:
+        self.left = required - watched
+        super().__init__(
+            f"Some videos are still to be watched: expected {required} watched to the end,"
+            f" got {watched}."
+        )
 
 
 class Position(TypedDict):
@@ -212,17 +224,19 @@ def _after_consent(plan: Plan, progress: Progress, event: Consented) -> Progress
 
 def _after_continue(plan: Plan, progress: Progress, event: Continued) -> Progress:
     match progress.stage:
-        case Stage.INSTRUCTIONS if plan.familiarisation.videos > 0:
-            return Progress(Stage.FAMILIARISATION)
-        case Stage.INSTRUCTIONS | Stage.FAMILIARISATION:
-            return Progress(Stage.QUERY)
+        case Stage.INSTRUCTIONS:
+            return _toward_trial(plan, progress.trial_index)
+        case Stage.FAMILIARISATION:
+            if event.watched < plan.familiarisation.required:
+                raise WatchMore(plan.familiarisation.required, event.watched)
+            return Progress(Stage.QUERY, trial_index=progress.trial_index)
         case Stage.BREAK:
             # Progress holds an end for every break.
             assert progress.break_ends_at is not None
             left = (progress.break_ends_at - event.at).total_seconds()
             if left > 0:
                 raise BreakNotOver(math.ceil(left))
-            return Progress(Stage.QUERY, trial_index=progress.trial_index)
+            return _toward_trial(plan, progress.trial_index)
         case Stage.DEBRIEF:
             return Progress(Stage.COMPLETED, trial_index=progress.trial_index)
         case _:
@@ -243,7 +257,14 @@ def _after_response(plan: Plan, progress: Progress, event: Responded) -> Progres
             trial_index=finished,
             break_ends_at=event.at + timedelta(seconds=plan.break_s),
         )
-    return Progress(Stage.QUERY, trial_index=finished)
+    return _toward_trial(plan, finished)
+
+
+def _toward_trial(plan: Plan, trial_index: int) -> Progress:
+    """On the way to a trial: first the videos to watch, where it begins a block of trials."""
+    if plan.familiarises_before(trial_index):
+        return Progress(Stage.FAMILIARISATION, trial_index=trial_index)
+    return Progress(Stage.QUERY, trial_index=trial_index)
 
 
 def _out_of_order(plan: Plan, progress: Progress) -> OutOfOrder:

@@ -19,6 +19,7 @@ from .schemas import (
     SessionState,
     Started,
     StartSession,
+    Watched,
 )
 from .security import MaybeExperimenterDep, SessionToken, StudioDep
 
@@ -72,6 +73,14 @@ def give_consent(body: GiveConsent, studio: StudioDep, token: SessionToken) -> S
 def go_on(studio: StudioDep, token: SessionToken) -> State:
     """Leave a page that only has to be left."""
     return participation.go_on(studio, token)
+
+
+@router.post(
+    "/session/watched", response_model=SessionState, responses=refusals(401, 404, 409, 422)
+)
+def watched(body: Watched, studio: StudioDep, token: SessionToken) -> State:
+    """A video of the familiarisation was watched to its end. The same again changes nothing."""
+    return participation.watch(studio, token, body.index)
 
 
 @router.post(

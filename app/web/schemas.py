@@ -28,6 +28,10 @@ class GiveConsent(_In):
     version: str = Field(max_length=64, description="Version of the text that is agreed to.")
 
 
+class Watched(_In):
+    index: int = Field(ge=0, le=1_000, description="Place of the video in the list, from 0.")
+
+
 class Happened(_In):
     """Something the browser saw while the query was on the screen."""
 

@@ -7,7 +7,7 @@
  * @typedef {{
  *   stage: string, progress: Progress, study: {break_s: number}, query?: Query,
  *   break?: {ends_at: string, seconds_left: number},
- *   familiarisation?: {videos: Recording[], required: number},
+ *   familiarisation?: {videos: Recording[], required: number, watched: number[], speeds: number[]},
  * }} State
  * @typedef {"left" | "right" | "skip"} Response
  * @typedef {{event: string, side: string | null, time_ms: number, value: number | string | null}} Evidence
@@ -55,6 +55,15 @@ export class SessionApi {
    */
   respond(answer) {
     return this.#call("POST", "/session/responses", answer);
+  }
+
+  /**
+   * The video at this place of the familiarisation was watched to its end.
+   * @param {number} index
+   * @returns {Promise<State>}
+   */
+  watched(index) {
+    return this.#call("POST", "/session/watched", { index });
   }
 
   /**

@@ -111,7 +111,7 @@ export class Clip {
 
   /** @param {string} source */
   #use(source) {
-    this.video.playbackRate = 1;
+    this.video.playbackRate = this.video.defaultPlaybackRate;
     this.video.src = source;
     this.video.load();
     this.#watch();

@@ -2,25 +2,32 @@
  * The familiarisation page: one player that goes through a list of videos by itself.
  */
 
+import { Refused, SessionApi } from "./api.js";
 import { Clip } from "./clip.js";
-import { announce, byId, focusHeading, stateOfPage, wantsLessMotion, within } from "./dom.js";
+import { announce, byId, focusHeading, pause, stateOfPage, wantsLessMotion, within } from "./dom.js";
 import { listenForKeys } from "./keys.js";
 import { Preloader } from "./preloader.js";
 
 /** A rest between two videos, so that one can be told from the next. */
 const REST_MS = 800;
 
+/** Seconds until what was watched is told the server again, if it could not be reached; the last one repeats. */
+const RETRY_S = [1, 2, 4, 8];
+
 const reel = byId("reel");
-const { videos, required } = /** @type {{videos: import("./api.js").Recording[], required: number}} */ (stateOfPage().familiarisation);
-const key = `pbpo:watched:${reel.dataset.slug}`;
+const slug = reel.dataset.slug ?? "";
+const api = new SessionApi(slug);
+const familiarisation = /** @type {NonNullable<import("./api.js").State["familiarisation"]>} */ (stateOfPage().familiarisation);
+const { videos, required } = familiarisation;
+const speedKey = `pbpo:speed:${slug}`;
 const preloader = new Preloader();
 const previous = /** @type {HTMLButtonElement} */ (byId("previous"));
 const next = /** @type {HTMLButtonElement} */ (byId("next"));
 const leave = /** @type {HTMLButtonElement} */ (byId("continue"));
 
-/** @type {Set<string>} */
-const watched = new Set(kept());
-let index = Math.max(0, videos.findIndex(({ url }) => !watched.has(url)));
+/** Places of the videos watched to the end, as the server knows them. */
+const watched = new Set(familiarisation.watched);
+let index = Math.max(0, videos.findIndex((_, place) => !watched.has(place)));
 let playsByItself = !wantsLessMotion();
 /** @type {ReturnType<typeof setTimeout> | undefined} */
 let rest;
@@ -38,6 +45,7 @@ const clip = new Clip(within(reel, ".player"), preloader, {
   onEvent: () => {},
 });
 const { video } = clip;
+const speedButtons = /** @type {HTMLButtonElement[]} */ ([...reel.querySelectorAll("button[data-speed]")]);
 
 /** @param {number} to */
 function go(to) {
@@ -78,9 +86,9 @@ function label() {
 }
 
 function ended() {
-  watched.add(videos[index].url);
-  keep();
-  count();
+  if (!watched.has(index)) {
+    tell(index);
+  }
   if (index < videos.length - 1 && playsByItself) {
     rest = setTimeout(() => go(index + 1), REST_MS);
   } else if (index === videos.length - 1) {
@@ -88,31 +96,68 @@ function ended() {
   }
 }
 
+/**
+ * Tell the server what was watched, until it knows.
+ * @param {number} place
+ */
+async function tell(place) {
+  for (let attempt = 0; ; attempt += 1) {
+    try {
+      const state = await api.watched(place);
+      for (const known of state.familiarisation?.watched ?? []) {
+        watched.add(known);
+      }
+      count();
+      return;
+    } catch (error) {
+      if (error instanceof Refused && !error.isPassing) {
+        location.reload(); // another tab has gone on: the server shows where
+        return;
+      }
+      byId("continue-note").textContent = "Not saved yet. Trying again.";
+      await pause(RETRY_S[Math.min(attempt, RETRY_S.length - 1)]);
+    }
+  }
+}
+
 function count() {
-  const seen = videos.filter(({ url }) => watched.has(url)).length;
-  byId("watched").textContent = `${seen} watched`;
+  const seen = watched.size;
+  const remain = videos.length - seen;
+  byId("watched").textContent = remain > 0 ? `${seen} watched, ${remain} remain` : "All watched";
   /** @type {HTMLProgressElement} */ (byId("watched-bar")).value = seen;
-  /** @type {HTMLInputElement} */ (byId("watched-field")).value = String(seen);
   const missing = Math.max(0, required - seen);
+  const opens = leave.disabled && missing === 0;
   leave.disabled = missing > 0;
   byId("continue-note").textContent = missing > 0 ? `Watch ${missing} more to continue.` : "";
-}
-
-/** @returns {string[]} */
-function kept() {
-  try {
-    return JSON.parse(sessionStorage.getItem(key) ?? "[]");
-  } catch {
-    return [];
+  if (opens && required > 0) {
+    announce("You can start the comparisons.");
   }
 }
 
-function keep() {
-  try {
-    sessionStorage.setItem(key, JSON.stringify([...watched]));
-  } catch {
-    // Then a refresh starts the count again.
+/** @param {number} speed */
+function useSpeed(speed) {
+  // The default as well: a browser goes back to it with every new video.
+  video.defaultPlaybackRate = speed;
+  video.playbackRate = speed;
+  for (const button of speedButtons) {
+    button.setAttribute("aria-pressed", String(Number(button.dataset.speed) === speed));
   }
+  try {
+    sessionStorage.setItem(speedKey, String(speed));
+  } catch {
+    // Then a refresh begins at the first speed again.
+  }
+}
+
+/** @returns {number} the speed last chosen, if it is still offered */
+function keptSpeed() {
+  let kept = NaN;
+  try {
+    kept = Number(sessionStorage.getItem(speedKey) ?? NaN);
+  } catch {
+    // No storage: the first speed.
+  }
+  return familiarisation.speeds.includes(kept) ? kept : familiarisation.speeds[0];
 }
 
 for (const event of ["play", "playing", "pause", "ended", "emptied"]) {
@@ -135,12 +180,17 @@ function onPress(button, action) {
 onPress(previous, () => go(index - 1));
 onPress(next, () => go(index + 1));
 onPress(byId("toggle"), toggle);
+for (const button of speedButtons) {
+  onPress(button, () => useSpeed(Number(button.dataset.speed)));
+}
 listenForKeys({
   ArrowLeft: () => { go(index - 1); return true; },
   ArrowRight: () => { go(index + 1); return true; },
   " ": () => { toggle(); return true; },
 });
 
+leave.disabled = required > watched.size;
 count();
+useSpeed(keptSpeed());
 go(index);
 label();

@@ -42,7 +42,7 @@ def prepare(studio: Studio, base_url: str) -> Access:
     password = kept.get("password") or secrets.token_urlsafe(12)
     try:
         experimenter = accounts.find(studio, EMAIL)
-        if "password" not in kept:
+        if not kept.get("password"):
             accounts.set_password(studio, EMAIL, password)
     except NotFoundError:
         experimenter = accounts.create(studio, EMAIL, password)
@@ -66,9 +66,10 @@ def prepare(studio: Studio, base_url: str) -> Access:
 def _read(path: Path) -> dict[str, str]:
     try:
         kept = json.loads(path.read_text(encoding="utf-8"))
-    except (FileNotFoundError, json.JSONDecodeError):
+    except (FileNotFoundError, ValueError):
         return {}
-    return kept if isinstance(kept, dict) else {}
+    pairs = kept.items() if isinstance(kept, dict) else ()
+    return {key: value for key, value in pairs if isinstance(value, str)}
 
 
 def _write(path: Path, access: Access) -> None:

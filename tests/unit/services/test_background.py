@@ -1,0 +1,135 @@
+"""The door to work that nobody waits for."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from app.services.background import Background
+
+
+@pytest.fixture
+def background() -> Iterator[Background]:
+    background = Background(1)
+    yield background
+    background.close()
+
+
+def test_the_same_work_asked_for_twice_is_done_once(background: Background) -> None:
+    let_go, done = threading.Event(), []
+
+    def work() -> None:
+        let_go.wait(10)
+        done.append(1)
+
+    futures = [background.in_thread("key", work) for _ in range(3)]
+    let_go.set()
+    for future in futures:
+        future.result(10)
+    assert done == [1]
+    background.in_thread("key", work).result(10)
+    assert done == [1, 1]
+
+
+def test_work_that_fails_tells_who_waits_and_the_log_and_stops_nothing(
+    background: Background, caplog: pytest.LogCaptureFixture
+) -> None:
+    def fail() -> None:
+        raise ValueError("no such thing")
+
+    with pytest.raises(ValueError, match="no such thing"):
+        background.in_thread("fails", fail).result(10)
+    assert background.in_thread("works", lambda: 7).result(10) == 7
+    assert "'fails' failed" in caplog.text
+
+
+def test_what_somebody_waits_for_overtakes_what_may_be_needed_later(
+    background: Background, tmp_path: Path
+) -> None:
+    order = tmp_path / "order"
+    first = background.in_process("first", _note, order, "first", 0.3)
+    later = [background.in_process(name, _note, order, name, 0.0) for name in ("a", "b")]
+    urgent = background.in_process("urgent", _note, order, "urgent", 0.0, urgent=True)
+    overtaken = background.in_process("b", _note, order, "b", 0.0, urgent=True)
+    for future in (first, *later, urgent, overtaken):
+        future.result(30)
+    assert order.read_text().split() == ["first", "b", "urgent", "a"]
+
+
+def test_a_worker_that_is_killed_is_replaced(background: Background) -> None:
+    pid = background.in_process("who", os.getpid).result(30)
+    assert pid != os.getpid()
+    os.kill(pid, signal.SIGKILL)
+    deadline = time.monotonic() + 30
+    while True:
+        assert time.monotonic() < deadline
+        try:
+            # The pool may not know yet that its worker has gone: this one may go with it.
+            assert background.in_process("who now", os.getpid).result(30) != pid
+        except Exception:
+            time.sleep(0.05)
+        else:
+            break
+
+
+def test_closing_drops_what_has_not_begun(tmp_path: Path) -> None:
+    background = Background(1)
+    order = tmp_path / "order"
+    first = background.in_process("first", _note, order, "first", 0.2)
+    dropped = background.in_process("dropped", _note, order, "dropped", 0.0)
+    while not first.running():
+        time.sleep(0.01)
+    background.close()
+    assert dropped.cancelled()
+    assert first.done()
+
+
+OF_A_KILLED_SERVER = """
+import os, sys, time
+from app.services.background import Background
+if __name__ == "__main__":
+    print(Background(1).in_process("who", os.getpid).result(), flush=True)
+    time.sleep(60)
+"""
+
+
+def test_workers_leave_when_their_server_is_killed(tmp_path: Path) -> None:
+    script = tmp_path / "server.py"
+    script.write_text(OF_A_KILLED_SERVER)
+    with subprocess.Popen([sys.executable, str(script)], stdout=subprocess.PIPE) as server:
+        assert server.stdout is not None
+        worker = int(server.stdout.readline())
+        assert _runs(worker)
+        server.kill()
+    deadline = time.monotonic() + 20
+    while _runs(worker):
+        assert time.monotonic() < deadline, "the worker outlived its server"
+        time.sleep(0.02)
+
+
+def _note(file: Path, name: str, seconds: float) -> None:
+    """Work of a test: write down that it was done."""
+    with file.open("a") as notes:
+        notes.write(f"{name}\n")
+    time.sleep(seconds)
+
+
+def _runs(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    # Where nobody buries orphans, a process that has ended stays in the table as a zombie.
+    status = Path(f"/proc/{pid}/stat")
+    try:
+        return not status.exists() or status.read_text().rpartition(")")[2].split()[0] != "Z"
+    except (FileNotFoundError, ProcessLookupError):
+        return False

@@ -1,0 +1,44 @@
+"""What can be set from outside."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from pydantic import ValidationError
+
+from app.services.settings import Settings, settings_faults
+
+
+def test_the_database_is_a_file_in_the_data_folder_unless_another_is_named(tmp_path: Path) -> None:
+    assert Settings(data_dir=tmp_path).url == f"sqlite:///{tmp_path}/pbpo.sqlite3"
+    url = "postgresql://lab@db.example/pbpo"
+    assert Settings(data_dir=tmp_path, database_url=url).url == url
+
+
+def test_variables_of_the_environment_are_read(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PBPO_DATA_DIR", "elsewhere")
+    monkeypatch.setenv("PBPO_SECURE_COOKIES", "1")
+    settings = Settings()
+    assert settings.data_dir == Path("elsewhere")
+    assert settings.secure_cookies
+    assert settings.uploads_dir == Path("elsewhere/uploads")
+
+
+@pytest.mark.parametrize("url", ["nonsense", "mysql://lab@db.example/pbpo", "://"])
+def test_a_database_of_another_kind_is_refused_without_repeating_its_password(url: str) -> None:
+    with pytest.raises(ValidationError) as refused:
+        Settings(database_url=url)
+    said = settings_faults(refused.value)
+    assert said.startswith("PBPO_DATABASE_URL: ")
+    assert "sqlite or postgresql" in said
+    assert url not in said
+
+
+def test_all_faults_are_named_in_one_line() -> None:
+    with pytest.raises(ValidationError) as refused:
+        Settings.model_validate({"render_jobs": 0, "database_url": "nonsense"})
+    said = settings_faults(refused.value)
+    assert "PBPO_RENDER_JOBS" in said
+    assert "PBPO_DATABASE_URL" in said
+    assert "\n" not in said

@@ -17,7 +17,10 @@ TEXT_NAMES = ("consent", "instructions", "debrief")
 
 _SHIPPED_FOLDER = Path(__file__).parent / "shipped"
 SHIPPED: Mapping[str, Path] = MappingProxyType(
-    {name: _SHIPPED_FOLDER / name for name in ("waste-crane", "waste-crane-env2")}
+    {
+        name: _SHIPPED_FOLDER / name
+        for name in ("waste-crane", "waste-crane-env2", "waste-crane-paper")
+    }
 )
 
 

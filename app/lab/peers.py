@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 # (winner, loser), rows of the candidates.
 Pairs = Sequence[tuple[int, int]]
+# As BoTorch's SIGMA_JITTER.
+SMALLEST_VARIANCE: Final = 1e-8
 
 
 class Peer(Protocol):
@@ -29,35 +31,45 @@ class Peer(Protocol):
 
 class BotorchPairwise:
     """`PairwiseGP` (Laplace), its hyperparameters fitted at every step, with the analytic expected
-    utility of the best option over every pair of candidates."""
+    utility of the best option over every pair of candidates.
+
+    The expectation is that of `AnalyticExpectedUtilityOfBestOption`, from one joint posterior over
+    all candidates: asking the class for each of 26,565 pairs takes several times as long.
+    """
 
     def __init__(self, candidates: FloatArray, seed: int) -> None:
         self._torch = import_module("torch")
         self._models = import_module("botorch.models.pairwise_gp")
         self._fit = import_module("botorch.fit")
-        self._preference = import_module("botorch.acquisition.preference")
         self._torch.manual_seed(seed)
         self._points = self._torch.tensor(candidates, dtype=self._torch.float64)
-        self._pairs = self._torch.tensor(list(combinations(range(len(candidates)), 2)))
-        self._model: Any = None
+        self._pairs = self._torch.tensor(list(combinations(range(len(candidates)), 2))).T
+        self._mean: Any = None
 
     def step(self, pairs: Pairs) -> tuple[int, int]:
+        torch = self._torch
         seen, place = np.unique(np.array(pairs), return_inverse=True)
-        comparisons = self._torch.tensor(place.reshape(-1, 2))
-        self._model = self._models.PairwiseGP(self._points[seen.tolist()], comparisons)
-        likelihood = self._models.PairwiseLaplaceMarginalLogLikelihood(
-            self._model.likelihood, self._model
-        )
+        comparisons = torch.tensor(place.reshape(-1, 2))
+        model = self._models.PairwiseGP(self._points[seen.tolist()], comparisons)
+        likelihood = self._models.PairwiseLaplaceMarginalLogLikelihood(model.likelihood, model)
         self._fit.fit_gpytorch_mll(likelihood)
-        acquisition = self._preference.AnalyticExpectedUtilityOfBestOption(pref_model=self._model)
-        with self._torch.no_grad():
-            values = acquisition(self._points[self._pairs])
-        left, right = self._pairs[int(values.argmax())].tolist()
-        return left, right
+        with torch.no_grad():
+            posterior = model.posterior(self._points)
+            self._mean = posterior.mean.squeeze(-1)
+            covariance = posterior.covariance_matrix
+            a, b = self._pairs
+            delta = self._mean[a] - self._mean[b]
+            own = covariance.diagonal()
+            variance = own[a] + own[b] - 2.0 * covariance[a, b]
+            sigma = variance.clamp(min=SMALLEST_VARIANCE).sqrt()
+            normal = torch.distributions.Normal(0.0, 1.0)
+            u = delta / sigma
+            values = sigma * (normal.log_prob(u).exp() + u * normal.cdf(u)) + self._mean[b]
+            chosen = int(values.argmax())
+        return int(a[chosen]), int(b[chosen])
 
     def best(self) -> int:
-        with self._torch.no_grad():
-            return int(self._model.posterior(self._points).mean.argmax())
+        return int(self._mean.argmax())
 
 
 class OptunaPreferential:

@@ -31,8 +31,13 @@ from app.pbbo.errors import FitError
 from app.pbbo.krylov import gmres
 from app.pbbo.probit import expectations
 
-# Ratio of the scales of successive stages: 2 to 10 all work, 5 needs the fewest steps in total.
+# The first stage's scale as a share of the prior's widest standard deviation. From 0.1 to 1 all
+# work, and the fewer stages the better.
+FIRST_SCALE: Final = 0.15
+# Ratio of the scales of successive stages, and the one for a second try where the first stalls. 4
+# to 6 need the fewest steps in total.
 STAGE_RATIO: Final = 5.0
+CAUTIOUS_RATIO: Final = 1.7
 # Most a site's growth from one stage to the next is trusted for the one after.
 LARGEST_GROWTH: Final = 4.0
 # Stages before the last need no more than a start for the next.
@@ -42,7 +47,10 @@ TOLERANCE: Final = 1e-5
 # A fit that stalls in rounding noise is still a fit if it stalls this close.
 ACCEPTABLE: Final = 3e-2
 STEPS: Final = 60
-MEAN_STEPS: Final = 6
+# The mean alone is moved until Newton's method promises no more than this of the bound: with the
+# mean further off than that, joint steps go astray.
+MEAN_GAIN: Final = 0.01
+MEAN_STEPS: Final = 8
 # Relative change of the bound that rounding alone can cause.
 ROUNDING: Final = 1e-9
 # Most a site may change in one step: a factor of e^5.
@@ -112,11 +120,19 @@ def fit(answers: Answers) -> Gaussian:
         )
     if prior_variance.min() <= 0.0:
         raise FitError("fit: expected functionals that vary under the prior, got a constant one")
+    try:
+        return fit_in_stages(answers, prior_variance, STAGE_RATIO)
+    except FitError:
+        return fit_in_stages(answers, prior_variance, CAUTIOUS_RATIO)
+
+
+def fit_in_stages(answers: Answers, prior_variance: FloatArray, ratio: float) -> Gaussian:
+    """The fit at falling scales, each started from the one before; prior_variance: (m,)."""
     floor = NEGLIGIBLE / prior_variance
     mean = np.zeros(answers.features.shape[1])
     sites = 0.5 / prior_variance
     before = sites
-    scales = stages(float(np.sqrt(prior_variance.max())), answers.scale)
+    scales = stages(FIRST_SCALE * sqrt(float(prior_variance.max())), answers.scale, ratio)
     for number, scale in enumerate(scales):
         stage = Answers(answers.features, answers.counts, scale)
         start = sites
@@ -135,10 +151,10 @@ def fit(answers: Answers) -> Gaussian:
     return state.q
 
 
-def stages(widest: float, scale: float) -> list[float]:
-    """The scales to solve at, from about the prior's own width down to the one asked for."""
-    count = max(0, ceil(log(widest / scale) / log(STAGE_RATIO))) if scale < widest else 0
-    return [scale * (widest / scale) ** (k / count) for k in range(count, 0, -1)] + [scale]
+def stages(first: float, scale: float, ratio: float) -> list[float]:
+    """The scales to solve at, from the first down to the one asked for."""
+    count = max(0, ceil(log(first / scale) / log(ratio))) if scale < first else 0
+    return [scale * (first / scale) ** (k / count) for k in range(count, 0, -1)] + [scale]
 
 
 def largest_sites(answers: Answers) -> FloatArray:
@@ -209,7 +225,7 @@ def move_mean(answers: Answers, mean: FloatArray, sites: FloatArray) -> FloatArr
         if bend is None:
             return mean
         step, _ = lapack.dpotrs(bend, gradient, lower=1)
-        if float(step @ gradient) < ROUGH**2 / 10.0:
+        if float(step @ gradient) < MEAN_GAIN:
             return mean
         for shortenings in range(8):
             tried = mean + step * 0.4**shortenings

@@ -1,0 +1,144 @@
+"""What comes after a history: a pure function, worked out now or ahead."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from app.services import proposals
+from app.services.background import Background
+from app.services.proposals import Clip, History, Proposer, Space, TrialInHand, work_out
+from app.services.studio import Studio
+from tests.conftest import SHORT_PLAN, StudyShelf
+
+SETTINGS = {"preset": "paper-env1", "random_queries": 2}
+TRIAL = TrialInHand(
+    study_id=1, environment="env1", method="pbpo", settings=SETTINGS, seed=5, queries=4
+)
+
+
+@pytest.fixture(scope="module")
+def space() -> Space:
+    """Nine candidates on a line, three clips of each."""
+    clips = tuple(
+        tuple(Clip(3 * index + run, f"id{index}-{run}", 10.0, "crane", "") for run in range(3))
+        for index in range(9)
+    )
+    return Space(np.linspace(0, 1, 9)[:, None], clips)
+
+
+def answered(space: Space, responses: list[str], trial: TrialInHand = TRIAL) -> History:
+    history: History = ()
+    for response in responses:
+        following = work_out(space, trial, history).next
+        assert following is not None
+        history = (*history, (following.left_candidate, following.right_candidate, response))
+    return history
+
+
+def test_a_step_follows_from_its_arguments_alone(space: Space) -> None:
+    history = answered(space, ["left", "skip", "right"])
+    assert work_out(space, TRIAL, history) == work_out(space, TRIAL, history)
+    other = replace(TRIAL, seed=6)
+    assert work_out(space, TRIAL, ()).next != work_out(space, other, ()).next
+
+
+def test_the_clips_are_of_the_candidates_on_their_sides(space: Space) -> None:
+    for responses in ([], ["left"], ["left", "skip"]):
+        following = work_out(space, TRIAL, answered(space, responses)).next
+        assert following is not None
+        assert following.query_index == len(responses)
+        assert following.left in space.clips[following.left_candidate]
+        assert following.right in space.clips[following.right_candidate]
+
+
+def test_after_the_last_response_nothing_follows_but_what_was_learnt(space: Space) -> None:
+    step = work_out(space, TRIAL, answered(space, ["left", "right", "left", "right"]))
+    assert step.next is None
+    assert len(step.preferences) == 4
+    assert step.acquired is not None
+
+
+def test_before_the_first_response_nothing_was_learnt(space: Space) -> None:
+    step = work_out(space, TRIAL, ())
+    assert step.preferences == ()
+    assert step.acquired is None
+
+
+def test_a_knockout_acquires_its_last_winner_without_a_posterior(space: Space) -> None:
+    trial = replace(TRIAL, method="knockout")
+    history = answered(space, ["left", "right"], trial)
+    acquired = work_out(space, trial, history).acquired
+    assert acquired is not None
+    assert acquired.candidate == history[-1][1]
+    assert (acquired.mean, acquired.std) == (None, None)
+
+
+class Counted:
+    """How often a step was worked out."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.times = 0
+        real = proposals.work_out
+
+        def counting(*args: object) -> object:
+            self.times += 1
+            return real(*args)  # type: ignore[arg-type]
+
+        monkeypatch.setattr(proposals, "work_out", counting)
+
+
+@pytest.fixture
+def proposer(studio: Studio, study_shelf: StudyShelf) -> Proposer:
+    study_shelf.put_into(studio, SHORT_PLAN)
+    return studio.proposer
+
+
+def test_a_step_is_worked_out_once(proposer: Proposer, monkeypatch: pytest.MonkeyPatch) -> None:
+    counted = Counted(monkeypatch)
+    assert proposer.step(TRIAL, ()) is proposer.step(TRIAL, ())
+    assert counted.times == 1
+
+
+def test_what_was_worked_out_long_ago_is_forgotten_and_worked_out_alike(
+    proposer: Proposer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(proposals, "AHEAD_STEPS", 2)
+    first = proposer.step(TRIAL, ())
+    for seed in (6, 7):
+        proposer.step(replace(TRIAL, seed=seed), ())
+    counted = Counted(monkeypatch)
+    assert proposer.step(TRIAL, ()) == first
+    assert counted.times == 1
+
+
+class TestWorkingAhead:
+    @pytest.fixture
+    def background(self) -> Background:
+        return Background(1)
+
+    def test_each_possible_response_is_worked_out_and_its_videos_begun(
+        self, studio: Studio, study_shelf: StudyShelf
+    ) -> None:
+        study_shelf.put_into(studio, SHORT_PLAN)
+        begun: list[Clip] = []
+        proposer = Proposer(studio.database, studio.background, begun.append)
+        first = proposer.step(TRIAL, ()).next
+        assert first is not None
+        pair = (first.left_candidate, first.right_candidate)
+        assert proposer.upcoming(TRIAL, (), pair) == []
+
+        proposer.work_ahead(TRIAL, (), pair)
+        studio.background.in_thread("after that", lambda: None).result(30)
+
+        upcoming = proposer.upcoming(TRIAL, (), pair)
+        assert len(upcoming) == 3
+        assert {clip.id for clip in begun} == {
+            clip.id for following in upcoming for clip in (following.left, following.right)
+        }
+        no_skip = replace(TRIAL, method="pbpo-no-skip", seed=6)
+        proposer.work_ahead(no_skip, (), pair)
+        studio.background.in_thread("after that", lambda: None).result(30)
+        assert len(proposer.upcoming(no_skip, (), pair)) == 2

@@ -10,7 +10,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime
 
-import numpy as np
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session, contains_eager, joinedload
 
@@ -27,17 +26,16 @@ from app.storage.tables import (
 from app.study import protocol
 from app.study.protocol import Stage
 
-from . import playlist, sessions, studies
+from . import playlist, sessions, trials
 from . import state as session_state
 from .errors import (
     AlreadyAnsweredError,
     NotFoundError,
     SkipNotOfferedError,
 )
-from .proposals import NextQuery, Step
+from .proposals import Step
 from .state import State
 from .studio import Studio
-from .tokens import new_public_id
 
 
 @dataclass(frozen=True)
@@ -78,7 +76,7 @@ def consent(studio: Studio, token: str, version: str) -> State:
         row.consent_version = version
         row.consented_at = studio.now()
         state = session_state.describe(studio, session, row)
-        first = _first_query(studio, row)
+        first = trials.first_query(studio, row)
         coming = [first.left, first.right, *playlist.clips(studio, row)]
     studio.proposer.render(coming)
     return state
@@ -90,7 +88,7 @@ def go_on(studio: Studio, token: str) -> State:
         row = sessions.find(studio, session, token, to_write=True)
         watched = len(playlist.watched(row)) if row.stage == Stage.FAMILIARISATION else 0
         sessions.advance(studio, row, protocol.Continued(at=studio.now(), watched=watched))
-        _arrive(studio, session, row)
+        trials.arrive(studio, session, row)
         return session_state.describe(studio, session, row)
 
 
@@ -134,77 +132,12 @@ def respond(studio: Studio, token: str, answer: Answer) -> State:
         _store_lessons(session, query, step)
         if row.stage == Stage.QUERY and row.trial_index == query.trial.trial_index:
             assert step.next is not None
-            session.add(_query_row(step.next, now, trial_id=query.trial_id))
+            session.add(trials.query_row(step.next, now, trial_id=query.trial_id))
         else:
             query.trial.ended_at = now
-            _arrive(studio, session, row)
+            trials.arrive(studio, session, row)
         session.flush()
         return session_state.describe(studio, session, row)
-
-
-def _arrive(studio: Studio, session: Session, row: SessionRow) -> None:
-    """Prepare what the stage that the session has come to will show."""
-    if row.stage == Stage.QUERY:
-        _begin_trial(studio, session, row)
-    elif row.stage in (Stage.BREAK, Stage.FAMILIARISATION):
-        # Whoever goes on from here finds the first pair made.
-        first = _first_query(studio, row)
-        coming = [first.left, first.right]
-        plan = studies.stored_plan(row.plan)
-        if plan.familiarises_before(row.trial_index):
-            coming = [*playlist.clips(studio, row), *coming]
-        studio.proposer.render(coming)
-
-
-def _begin_trial(studio: Studio, session: Session, row: SessionRow) -> None:
-    """Store the trial that the session has come to, with its first query."""
-    first = _first_query(studio, row)
-    condition = studies.stored_plan(row.plan).conditions[row.trial_conditions[row.trial_index]]
-    now = studio.now()
-    trial = Trial(
-        trial_index=row.trial_index,
-        condition=condition.name,
-        method=condition.method,
-        environment=condition.environment,
-        seed=_trial_seed(row),
-        started_at=now,
-        queries=[_query_row(first, now)],
-    )
-    row.trials.append(trial)
-    session.flush()
-    studio.proposer.render([first.left, first.right])
-
-
-def _trial_seed(row: SessionRow) -> int:
-    """Seed of the trial that the session is in, or comes to next: 48 bits."""
-    sequence = np.random.SeedSequence([row.seed, row.trial_index])
-    return int(sequence.generate_state(1, np.uint64)[0] >> np.uint64(16))
-
-
-def _first_query(studio: Studio, row: SessionRow) -> NextQuery:
-    """The first query of that trial: drawn at random, with no model to fit."""
-    in_hand = session_state.trial_in_hand(row, row.trial_index, _trial_seed(row))
-    first = studio.proposer.step(in_hand, ()).next
-    assert first is not None
-    return first
-
-
-def _query_row(following: NextQuery, now: datetime, trial_id: int | None = None) -> QueryRow:
-    return QueryRow(
-        trial_id=trial_id,
-        public_id=new_public_id(),
-        query_index=following.query_index,
-        trial_type=following.trial_type,
-        left_candidate=following.left_candidate,
-        right_candidate=following.right_candidate,
-        left_recording_id=following.left.id,
-        right_recording_id=following.right.id,
-        acquisition=following.acquisition,
-        seed=following.seed,
-        engine_version=following.engine_version,
-        created_at=now,
-        shown_at=now,
-    )
 
 
 def _query_of(session: Session, row: SessionRow, public_id: str) -> QueryRow:

@@ -1,0 +1,82 @@
+"""How a trial begins: what a stage on the way to it prepares, its seed, and its first query."""
+
+from __future__ import annotations
+
+from datetime import datetime
+
+import numpy as np
+from sqlalchemy.orm import Session
+
+from app.storage.tables import QueryRow, SessionRow, Trial
+from app.study.protocol import Stage
+
+from . import playlist, studies
+from . import state as session_state
+from .proposals import NextQuery
+from .studio import Studio
+from .tokens import new_public_id
+
+
+def arrive(studio: Studio, session: Session, row: SessionRow) -> None:
+    """Prepare what the stage that the session has come to will show."""
+    if row.stage == Stage.QUERY:
+        _begin(studio, session, row)
+    elif row.stage in (Stage.BREAK, Stage.FAMILIARISATION):
+        # Whoever goes on from here finds the first pair made.
+        first = first_query(studio, row)
+        coming = [first.left, first.right]
+        plan = studies.stored_plan(row.plan)
+        if plan.familiarises_before(row.trial_index):
+            coming = [*playlist.clips(studio, row), *coming]
+        studio.proposer.render(coming)
+
+
+def _begin(studio: Studio, session: Session, row: SessionRow) -> None:
+    """Store the trial that the session has come to, with its first query."""
+    first = first_query(studio, row)
+    condition = studies.stored_plan(row.plan).conditions[row.trial_conditions[row.trial_index]]
+    now = studio.now()
+    trial = Trial(
+        trial_index=row.trial_index,
+        condition=condition.name,
+        method=condition.method,
+        environment=condition.environment,
+        seed=_seed(row),
+        started_at=now,
+        queries=[query_row(first, now)],
+    )
+    row.trials.append(trial)
+    session.flush()
+    studio.proposer.render([first.left, first.right])
+
+
+def _seed(row: SessionRow) -> int:
+    """Seed of the trial that the session is in, or comes to next: 48 bits."""
+    sequence = np.random.SeedSequence([row.seed, row.trial_index])
+    return int(sequence.generate_state(1, np.uint64)[0] >> np.uint64(16))
+
+
+def first_query(studio: Studio, row: SessionRow) -> NextQuery:
+    """The first query of that trial: drawn at random, with no model to fit."""
+    in_hand = session_state.trial_in_hand(row, row.trial_index, _seed(row))
+    first = studio.proposer.step(in_hand, ()).next
+    assert first is not None
+    return first
+
+
+def query_row(following: NextQuery, now: datetime, trial_id: int | None = None) -> QueryRow:
+    return QueryRow(
+        trial_id=trial_id,
+        public_id=new_public_id(),
+        query_index=following.query_index,
+        trial_type=following.trial_type,
+        left_candidate=following.left_candidate,
+        right_candidate=following.right_candidate,
+        left_recording_id=following.left.id,
+        right_recording_id=following.right.id,
+        acquisition=following.acquisition,
+        seed=following.seed,
+        engine_version=following.engine_version,
+        created_at=now,
+        shown_at=now,
+    )

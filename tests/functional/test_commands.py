@@ -16,6 +16,7 @@ import pytest
 from app import cli
 from app.main import create_app
 from app.services import accounts
+from app.services.export import ZIPPED
 from app.services.settings import Settings
 from app.services.studio import open_studio
 from tests.conftest import Idle, StudyShelf, write_study
@@ -218,16 +219,7 @@ def test_simulated_sessions_are_walked_exported_and_replayed(stocked: Run, tmp_p
     assert stocked("export", "short", "--out", out).status == 0
     assert pd.read_csv(out / "queries.csv").empty
     stocked("export", "short", "--out", out, "--mode", "simulated", "--mode", "live")
-    assert sorted(path.name for path in out.iterdir()) == [
-        "acquired.csv",
-        "data_dictionary.csv",
-        "events.csv",
-        "participants.csv",
-        "preferences.csv",
-        "queries.csv",
-        "recordings.csv",
-        "sessions.csv",
-    ]
+    assert {path.name for path in out.iterdir()} == {f"{table.name}.csv" for table in ZIPPED}
     queries = pd.read_csv(out / "queries.csv")
     assert len(queries) == 2 * 3 * 5
     assert set(queries["mode"]) == {"simulated"}

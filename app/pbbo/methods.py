@@ -1,4 +1,4 @@
-"""The methods of the paper, and what tells them apart."""
+"""The methods of the paper and one of our own, and what tells them apart."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -9,11 +9,13 @@ from app.pbbo.errors import UnknownMethodError
 @dataclass(frozen=True)
 class Method:
     """skip: whether an evaluator may skip.  synthesis: whether a skip becomes preferences.
-    model: whether a posterior is kept (the knockout baseline has none)."""
+    model: whether a posterior is kept (the knockout baseline has none).  threshold: whether skips
+    and choices also tell of an acceptability threshold, and length scales are averaged."""
 
     skip: bool
     synthesis: bool
     model: bool
+    threshold: bool = False
 
 
 _METHODS: Final = {
@@ -21,6 +23,7 @@ _METHODS: Final = {
     "pbpo-no-synthesis": Method(skip=True, synthesis=False, model=True),
     "pbpo-no-skip": Method(skip=False, synthesis=False, model=True),
     "knockout": Method(skip=False, synthesis=False, model=False),
+    "pbpo-threshold": Method(skip=True, synthesis=False, model=True, threshold=True),
 }
 
 METHODS: Final = tuple(_METHODS)

@@ -29,6 +29,7 @@ from app.pbbo.settings import Settings
 from app.pbbo.synthesis import Learned
 
 if TYPE_CHECKING:
+    from app.pbbo.averaging import Average
     from app.pbbo.model import Posterior
     from app.pbbo.prior import Prior
 
@@ -63,7 +64,7 @@ class PreferenceOptimizer:
         self._told = 0
         self._last: frozenset[int] = frozenset()
         self._pending: Query | None = None
-        self._belief: Posterior | FitError | None = None
+        self._belief: Posterior | Average | FitError | None = None
         # Depends on the candidates and the settings alone: kept between fits, never learned.
         self._prior: Prior | None = None
 
@@ -113,7 +114,7 @@ class PreferenceOptimizer:
         if not self._method.model:
             winner = self._learned.last_choice
             return self._uninformed() if winner is None else winner
-        if not self._learned.preferences:
+        if not self._learned.preferences and not (self._method.threshold and self._learned.skips):
             return self._uninformed()
         try:
             mean, _ = self.posterior()
@@ -204,13 +205,26 @@ class PreferenceOptimizer:
         if self._learned.answers < self._settings.random_queries:
             return "random", "random", self._random_pair(index)
         try:
-            belief = self._believe()
-            rng = generator(self._seed, Purpose.THOMPSON, index)
-            pair = thompson_pair(rng, belief.draw, len(self._candidates), self._last)
+            return "model", *self._model_pair(index)
         except FitError:
             # The evaluator goes on; the record says that this query was not the model's.
             return "random", "random-fallback", self._random_pair(index)
-        return "model", self._settings.acquisition, pair
+
+    def _model_pair(self, index: int) -> tuple[str, tuple[int, int]]:
+        """The acquisition's name and the pair it chose."""
+        # Loaded by the fit at the latest: no import waits here.
+        from app.pbbo.averaging import Average  # noqa: PLC0415
+        from app.pbbo.best_option import best_option_pair  # noqa: PLC0415
+
+        belief = self._believe()
+        if isinstance(belief, Average):
+            boldness = self._settings.threshold_boldness
+            return "best-option", best_option_pair(
+                belief, boldness[index % len(boldness)], self._last
+            )
+        rng = generator(self._seed, Purpose.THOMPSON, index)
+        pair = thompson_pair(rng, belief.draw, len(self._candidates), self._last)
+        return self._settings.acquisition, pair
 
     def _random_pair(self, index: int) -> tuple[int, int]:
         rng = generator(self._seed, Purpose.RANDOM_PAIR, index)
@@ -220,18 +234,25 @@ class PreferenceOptimizer:
         rng = generator(self._seed, Purpose.UNINFORMED, 0)
         return int(rng.integers(len(self._candidates)))
 
-    def _believe(self) -> "Posterior":
+    def _believe(self) -> "Posterior | Average":
         """The posterior given everything learned so far, fitted when first needed."""
         if self._belief is None:
             # SciPy takes a third of a second to import, which no command should pay that does not
             # fit a model.
+            from app.pbbo.averaging import average_over  # noqa: PLC0415
             from app.pbbo.model import belief_over  # noqa: PLC0415
 
+            learned = self._learned
             try:
-                self._belief = belief_over(
-                    self._candidates, self._learned.preferences, self._settings, self._prior
-                )
-                self._prior = self._belief.prior
+                if self._method.threshold:
+                    self._belief = average_over(
+                        self._candidates, learned.preferences, learned.skips, self._settings
+                    )
+                else:
+                    self._belief = belief_over(
+                        self._candidates, learned.preferences, self._settings, self._prior
+                    )
+                    self._prior = self._belief.prior
             except FitError as error:
                 self._belief = error
         if isinstance(self._belief, FitError):

@@ -26,6 +26,7 @@ class Purpose(IntEnum):
     UNINFORMED = 5
     KNOCKOUT = 6
     SCORE = 7
+    BEST_OPTION = 8
 
 
 def checked_seed(seed: object) -> int:

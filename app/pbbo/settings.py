@@ -47,6 +47,15 @@ class Settings:
         differentiation of the evidence lower bound.
     acquisition: how a query is chosen from the posterior.
     scale_candidates: scale each parameter by its range over the candidates to [0, 1] first.
+
+    `pbpo-threshold` has settings of its own in place of `length_scale`, `epsilon`,
+    `optimise_kernel` and `acquisition`; docs/optimiser.md says how they were chosen.
+
+    threshold_length_scales: the length scales averaged over, for two parameters; for d parameters
+        they are stretched by sqrt(d / 2), as typical distances are.
+    threshold_epsilon: noise of an answer, as `epsilon`.
+    threshold_boldness: how bold the choice of a query is, for one query after the other, from the
+        first again after the last.
     """
 
     length_scale: float = 0.1
@@ -56,18 +65,19 @@ class Settings:
     optimise_kernel: bool = False
     acquisition: Acquisition = "thompson"
     scale_candidates: bool = True
+    threshold_length_scales: tuple[float, ...] = (0.07, 0.1, 0.15, 0.22, 0.33, 0.5)
+    threshold_epsilon: float = 0.3
+    threshold_boldness: tuple[float, ...] = (1.0, 3.0)
 
     def __post_init__(self) -> None:
-        for name in ("length_scale", "epsilon", "signal_variance"):
+        for name in ("length_scale", "epsilon", "signal_variance", "threshold_epsilon"):
             object.__setattr__(self, name, positive(name, getattr(self, name)))
-        within_reach(self.length_scale)
-        ratio = sqrt(self.signal_variance) / self.epsilon
-        if not SMALLEST_SIGNAL_TO_NOISE <= ratio <= LARGEST_SIGNAL_TO_NOISE:
-            raise SettingsError(
-                "epsilon: expected sqrt(signal_variance) / epsilon from "
-                f"{SMALLEST_SIGNAL_TO_NOISE:g} to {LARGEST_SIGNAL_TO_NOISE:g}, got {ratio:g} "
-                f"(epsilon {self.epsilon!r}, signal_variance {self.signal_variance!r})"
-            )
+        for name in ("threshold_length_scales", "threshold_boldness"):
+            object.__setattr__(self, name, several(name, getattr(self, name)))
+        for length_scale in (self.length_scale, *self.threshold_length_scales):
+            within_reach(length_scale)
+        for name in ("epsilon", "threshold_epsilon"):
+            audible(name, getattr(self, name), self.signal_variance)
         whole("random_queries", self.random_queries)
         for name in ("optimise_kernel", "scale_candidates"):
             flag(name, getattr(self, name))
@@ -144,6 +154,24 @@ def positive(name: str, value: object) -> float:
     if not isfinite(value) or value <= 0:
         raise SettingsError(f"{name}: expected a finite number above 0, got {value!r}")
     return float(value)
+
+
+def several(name: str, values: object) -> tuple[float, ...]:
+    """A sequence of at least one positive number as a tuple, or `SettingsError`."""
+    if not isinstance(values, (list, tuple)) or not values:
+        raise SettingsError(f"{name}: expected a list of at least one number, got {values!r}")
+    return tuple(positive(f"{name}[{place}]", value) for place, value in enumerate(values))
+
+
+def audible(name: str, epsilon: float, signal_variance: float) -> None:
+    """Refuse a noise that drowns every signal, or one too small for float64."""
+    ratio = sqrt(signal_variance) / epsilon
+    if not SMALLEST_SIGNAL_TO_NOISE <= ratio <= LARGEST_SIGNAL_TO_NOISE:
+        raise SettingsError(
+            f"{name}: expected sqrt(signal_variance) / {name} from "
+            f"{SMALLEST_SIGNAL_TO_NOISE:g} to {LARGEST_SIGNAL_TO_NOISE:g}, got {ratio:g} "
+            f"({name} {epsilon!r}, signal_variance {signal_variance!r})"
+        )
 
 
 def within_reach(length_scale: float) -> None:

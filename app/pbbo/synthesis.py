@@ -39,12 +39,18 @@ class Learned:
         self._synthesise = synthesise
         self._choices: list[Choice] = []
         self._pool: list[Skip] = []
+        self._skips: list[Skip] = []
         self._preferences: list[Preference] = []
 
     @property
     def preferences(self) -> tuple[Preference, ...]:
         """In the order in which they were learned."""
         return tuple(self._preferences)
+
+    @property
+    def skips(self) -> tuple[Skip, ...]:
+        """Every skip so far, whether or not it was synthesised."""
+        return tuple(self._skips)
 
     @property
     def answers(self) -> int:
@@ -59,8 +65,10 @@ class Learned:
     def record(self, index: int, left: int, right: int, response: Response) -> None:
         """Learn from the response to the query of this index."""
         if response == "skip":
+            skip = Skip(left, right, index)
+            self._skips.append(skip)
             if self._synthesise:
-                self._pool.append(Skip(left, right, index))
+                self._pool.append(skip)
                 self._empty_pool()
             return
         winner, loser = (left, right) if response == "left" else (right, left)

@@ -54,7 +54,7 @@ Faults = Callable[[Path], list[str]]
             "method: pppo\n",
             (
                 "study.yaml:12: conditions[0].method: expected one of pbpo, pbpo-no-synthesis,"
-                " pbpo-no-skip, knockout, got 'pppo'"
+                " pbpo-no-skip, knockout, pbpo-threshold, got 'pppo'"
             ),
         ),
         (

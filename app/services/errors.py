@@ -39,6 +39,14 @@ class ResponseRefusedError(ConflictError):
         self.stage = stage
 
 
+class SetAsideError(ResponseRefusedError):
+    """The query was set aside for a technical fault, and another one took its place."""
+
+
+class NothingToShowError(ConflictError):
+    """Hardly any video of the study can be had."""
+
+
 class AlreadyAnsweredError(ResponseRefusedError):
     """The query has another response already."""
 

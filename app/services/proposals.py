@@ -159,7 +159,7 @@ class Proposer:
     def work_ahead(self, trial: TrialInHand, history: History, pair: tuple[int, int]) -> None:
         """Begin to work out what follows each possible response to the open query `pair`."""
         self._background.in_thread(
-            ("ahead", trial.seed, len(history)), self._work_ahead, trial, history, pair
+            ("ahead", trial.seed, len(history), pair), self._work_ahead, trial, history, pair
         )
 
     def upcoming(

@@ -69,6 +69,10 @@ class Recordings:
         )
         return path if path.is_file() else None
 
+    def can_be_had(self, source: Source) -> bool:
+        """Whether there is a file, or one can be made."""
+        return source.source == CRANE or self.ready_path(source) is not None
+
     def ensure(self, source: Source, *, urgent: bool = True) -> Future[Path]:
         """A future of the recording's file; a missing one is rendered in a process of its own.
 

@@ -10,9 +10,10 @@ from sqlalchemy.orm import Session, selectinload
 
 from app.storage.tables import SessionRow, Trial
 
-from . import studies
+from . import queries, studies
+from .course import learned
 from .proposals import work_out
-from .state import read_history, trial_in_hand
+from .state import trial_in_hand
 from .studio import Studio
 
 
@@ -40,14 +41,14 @@ def replay(studio: Studio, slug: str) -> Iterator[Replayed]:
     """Replay every trial of a study, query by query, from candidates, history and seed alone."""
     study = studies.find(studio, slug)
     with studio.database.read() as session:
-        trials = session.scalars(
+        stored = session.scalars(
             select(Trial)
             .join(SessionRow, Trial.session_id == SessionRow.id)
             .where(SessionRow.study_id == study.id)
             .order_by(SessionRow.id, Trial.trial_index)
             .options(selectinload(Trial.queries))
         )
-        for trial in trials:
+        for trial in stored:
             yield Replayed(
                 session_id=trial.session.public_id,
                 trial_index=trial.trial_index,
@@ -60,9 +61,12 @@ def replay(studio: Studio, slug: str) -> Iterator[Replayed]:
 def _differences(studio: Studio, session: Session, trial: Trial) -> Iterator[Difference]:
     in_hand = trial_in_hand(trial.session, trial.trial_index, trial.seed)
     space = studio.proposer.space(in_hand.study_id, in_hand.environment)
-    history = read_history(session, trial.id)
-    for index, query in enumerate(trial.queries):
-        following = work_out(space, in_hand, history[:index]).next
+    record = queries.read_record(session, trial.id)
+    for query in trial.queries:
+        if query.attempt > 0:
+            # What took the place of a video that did not play depends on which ones could be had.
+            continue
+        following = work_out(space, in_hand, learned(record[: query.query_index])).next
         assert following is not None
         stored = (
             query.left_candidate,
@@ -77,4 +81,4 @@ def _differences(studio: Studio, session: Session, trial: Trial) -> Iterator[Dif
             following.right.id,
         )
         if stored != proposed:
-            yield Difference(index, stored, proposed)
+            yield Difference(query.query_index, stored, proposed)

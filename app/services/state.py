@@ -10,16 +10,16 @@ from datetime import datetime
 from functools import lru_cache
 from typing import Any
 
-from sqlalchemy import select
-from sqlalchemy.orm import Session, joinedload
+from sqlalchemy.orm import Session
 
-from app.storage.tables import QueryRow, Response, SessionRow
+from app.storage.tables import SessionRow
 from app.study import texts
 from app.study.plan import Plan
 from app.study.protocol import FINAL_STAGES, Progress, Stage, position
 
-from . import playlist
-from .proposals import History, TrialInHand
+from . import playlist, queries
+from .course import learned
+from .proposals import TrialInHand
 from .studies import stored_plan
 from .studio import Studio
 
@@ -107,27 +107,12 @@ def trial_in_hand(row: SessionRow, trial_index: int, seed: int) -> TrialInHand:
     )
 
 
-def read_history(session: Session, trial_id: int) -> History:
-    """The answered queries of one trial, in order."""
-    rows = session.execute(
-        select(QueryRow.left_candidate, QueryRow.right_candidate, Response.response)
-        .join(Response, Response.query_id == QueryRow.id)
-        .where(QueryRow.trial_id == trial_id)
-        .order_by(QueryRow.query_index)
-    )
-    return tuple((left, right, response) for left, right, response in rows)
-
-
 def _query(studio: Studio, session: Session, row: SessionRow, plan: Plan) -> dict[str, Any]:
     trial = row.trials[row.trial_index]
-    query = session.scalars(
-        select(QueryRow)
-        .where(QueryRow.trial_id == trial.id, QueryRow.query_index == row.query_index)
-        .options(joinedload(QueryRow.left_recording), joinedload(QueryRow.right_recording))
-    ).one()
+    query = queries.standing_at(session, trial.id, row.query_index)
     condition = plan.conditions[row.trial_conditions[row.trial_index]]
     in_hand = trial_in_hand(row, row.trial_index, trial.seed)
-    history = read_history(session, trial.id)
+    history = learned(queries.read_record(session, trial.id))
     pair = (query.left_candidate, query.right_candidate)
     upcoming = studio.proposer.upcoming(in_hand, history, pair)
     if len(history) + 1 < in_hand.queries:

@@ -64,11 +64,14 @@ def first_query(studio: Studio, row: SessionRow) -> NextQuery:
     return first
 
 
-def query_row(following: NextQuery, now: datetime, trial_id: int | None = None) -> QueryRow:
+def query_row(
+    following: NextQuery, now: datetime, trial_id: int | None = None, attempt: int = 0
+) -> QueryRow:
     return QueryRow(
         trial_id=trial_id,
         public_id=new_public_id(),
         query_index=following.query_index,
+        attempt=attempt,
         trial_type=following.trial_type,
         left_candidate=following.left_candidate,
         right_candidate=following.right_candidate,

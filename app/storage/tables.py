@@ -225,7 +225,9 @@ class Trial(Base):
 
     session: Mapped[SessionRow] = relationship(back_populates="trials")
     queries: Mapped[list[QueryRow]] = relationship(
-        back_populates="trial", order_by="QueryRow.query_index", cascade="all, delete-orphan"
+        back_populates="trial",
+        order_by="QueryRow.query_index, QueryRow.attempt",
+        cascade="all, delete-orphan",
     )
 
 

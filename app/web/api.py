@@ -6,15 +6,18 @@ from typing import Any
 
 from fastapi import APIRouter, Response
 
-from app.services import admission, participation, withdrawal
-from app.services.participation import Answer, Happening
+from app.services import admission, answers, participation, withdrawal
+from app.services.answers import Answer, FaultReport
+from app.services.queries import Happening
 from app.services.tokens import receipt_code
 
 from .problems import refusals
 from .schemas import (
     AskForDeletion,
     GiveConsent,
+    Happened,
     Leave,
+    ReportFault,
     Respond,
     SessionState,
     Started,
@@ -88,9 +91,7 @@ def watched(body: Watched, studio: StudioDep, token: SessionToken) -> State:
 )
 def respond(body: Respond, studio: StudioDep, token: SessionToken) -> State:
     """Answer the open query. The same again changes nothing."""
-    happenings = [
-        Happening(event.event, event.side, event.time_ms, event.text) for event in body.events
-    ]
+    happenings = _happenings(body.events)
     if body.replays is not None:
         happenings.append(Happening("replays", None, body.rt_ms or 0.0, str(body.replays)))
     answer = Answer(
@@ -100,7 +101,14 @@ def respond(body: Respond, studio: StudioDep, token: SessionToken) -> State:
         skip_reason=body.skip_reason,
         happenings=happenings,
     )
-    return participation.respond(studio, token, answer)
+    return answers.respond(studio, token, answer)
+
+
+@router.post("/session/faults", response_model=SessionState, responses=refusals(401, 404, 409, 422))
+def report_fault(body: ReportFault, studio: StudioDep, token: SessionToken) -> State:
+    """Say that a video of the open query did not play: another one takes its place."""
+    report = FaultReport(body.query_id, body.reason, _happenings(body.events))
+    return answers.report_fault(studio, token, report)
 
 
 @router.post("/session/withdraw", response_model=SessionState, responses=refusals(401, 409, 422))
@@ -109,3 +117,7 @@ def withdraw(studio: StudioDep, token: SessionToken, body: Leave | None = None) 
     if body is not None and body.delete:
         return withdrawal.withdraw_and_delete(studio, token)
     return withdrawal.withdraw(studio, token)
+
+
+def _happenings(events: list[Happened]) -> list[Happening]:
+    return [Happening(event.event, event.side, event.time_ms, event.text) for event in events]

@@ -76,6 +76,14 @@ class AskForDeletion(_In):
     )
 
 
+class ReportFault(_In):
+    """A video of a query did not play."""
+
+    query_id: str = Field(min_length=1, max_length=64)
+    reason: str = Field("", max_length=200, description="What was seen of the fault.")
+    events: list[Happened] = Field(default_factory=list, max_length=1_000)
+
+
 class Progress(BaseModel):
     trial: int
     trials: int

@@ -85,7 +85,8 @@ def _queries_rows(session: Session, request: Request) -> Iterator[Row]:
         .join(SessionRow, Trial.session_id == SessionRow.id)
         .join(Participant, SessionRow.participant_id == Participant.id)
         .join(PlanVersion, SessionRow.plan_id == PlanVersion.id)
-        .outerjoin(Response, Response.query_id == QueryRow.id),
+        .outerjoin(Response, Response.query_id == QueryRow.id)
+        .where(QueryRow.set_aside_at.is_(None)),
         request,
     ).order_by(SessionRow.id, Trial.trial_index, QueryRow.query_index)
     for query, trial, row, pseudonym, plan_hash, response in fetch(session, statement):

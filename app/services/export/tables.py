@@ -10,6 +10,7 @@ from app.study.plan import Plan
 
 from .answers import ACQUIRED, EVENTS, PREFERENCES, QUERIES
 from .columns import Column, Request, Row, Table, text
+from .evidence import FAULTS
 from .people import DELETIONS, IDENTITIES, PARTICIPANTS, SESSIONS
 from .stimuli import RECORDINGS
 
@@ -49,6 +50,7 @@ ZIPPED = (
     PARTICIPANTS,
     DELETIONS,
     EVENTS,
+    FAULTS,
     RECORDINGS,
     DATA_DICTIONARY,
 )

@@ -1,0 +1,200 @@
+"""What comes back from the query page: a response, or that a video did not play.
+
+Each use case reads, works out what follows outside any transaction, and then writes once, having
+looked again: two tabs, a double click or a retry find that it was done.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import datetime
+
+from sqlalchemy import func, select
+from sqlalchemy.orm import Session
+
+from app.pbbo import allows_skip
+from app.storage.tables import Acquired, PreferenceRow, QueryRow, Response, SessionRow
+from app.study import protocol
+from app.study.protocol import Stage
+
+from . import queries, sessions, trials
+from . import state as session_state
+from .course import Shown, learned, replacement
+from .errors import (
+    AlreadyAnsweredError,
+    ConflictError,
+    SetAsideError,
+    SkipNotOfferedError,
+)
+from .proposals import Step
+from .queries import Happening
+from .state import State
+from .studio import Studio
+
+#: Attempts at one place of a trial: whoever needs more will not see any video at all.
+MOST_ATTEMPTS = 20
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What was pressed, and what the browser saw meanwhile."""
+
+    query_id: str
+    response: str
+    rt_ms: float | None = None
+    skip_reason: str | None = None
+    happenings: Sequence[Happening] = ()
+
+
+@dataclass(frozen=True)
+class FaultReport:
+    """A video of this query did not play, and what the browser saw of that."""
+
+    query_id: str
+    reason: str
+    happenings: Sequence[Happening] = ()
+
+
+def respond(studio: Studio, token: str, answer: Answer) -> State:
+    """Store a response and move on. The same response again changes nothing."""
+    with studio.database.read() as session:
+        row = sessions.find(studio, session, token)
+        query = queries.find(session, row, answer.query_id)
+        if not _is_new(row, query, answer):
+            return session_state.describe(studio, session, row)
+        trial = session_state.trial_in_hand(row, query.trial.trial_index, query.trial.seed)
+        if answer.response == "skip" and not allows_skip(trial.method):
+            raise SkipNotOfferedError(
+                "expected left or right: this query offers no skip", row.stage
+            )
+        record = queries.read_record(session, query.trial_id)
+    # The fit, if it was not worked out ahead: between two transactions, inside none.
+    record = (*record, _shown(query, answer.response))
+    step = studio.proposer.step(trial, learned(record))
+
+    with studio.database.write() as session:
+        row = sessions.find(studio, session, token, to_write=True)
+        query = queries.find(session, row, answer.query_id)
+        if not _is_new(row, query, answer):
+            return session_state.describe(studio, session, row)
+        now = studio.now()
+        # Raises if another query is the open one: nothing has been written yet.
+        sessions.advance(studio, row, protocol.Responded(query_index=query.query_index, at=now))
+        _store(session, row, query, answer, now)
+        _store_lessons(session, query, step)
+        if row.stage == Stage.QUERY and row.trial_index == query.trial.trial_index:
+            assert step.next is not None
+            session.add(trials.query_row(step.next, now, trial_id=query.trial_id))
+        else:
+            query.trial.ended_at = now
+            trials.arrive(studio, session, row)
+        session.flush()
+        return session_state.describe(studio, session, row)
+
+
+def report_fault(studio: Studio, token: str, report: FaultReport) -> State:
+    """Set a query aside because a video did not play, and put another one in its place.
+
+    What is set aside is kept, marked, and never reaches the model. The same report again changes
+    nothing. Raises AlreadyAnsweredError if the query has its response.
+    """
+    with studio.database.write() as session:
+        row = sessions.find(studio, session, token, to_write=True)
+        query = queries.find(session, row, report.query_id)
+        if query.set_aside_at is not None:
+            return session_state.describe(studio, session, row)
+        if query.response is not None:
+            raise AlreadyAnsweredError(
+                "expected a query without a response, and this one is answered", row.stage
+            )
+        tried = queries.read_attempts(session, query)
+        if len(tried) >= MOST_ATTEMPTS:
+            raise ConflictError(
+                f"expected at most {MOST_ATTEMPTS} attempts at one query; none of them played"
+            )
+        trial = session_state.trial_in_hand(row, query.trial.trial_index, query.trial.seed)
+        space = studio.proposer.space(trial.study_id, trial.environment)
+        following = replacement(space, trial, tried, studio.recordings.can_be_had)
+        now = studio.now()
+        query.set_aside_at = now
+        query.fault = report.reason
+        queries.store_events(session, row, query, report.happenings)
+        session.add(trials.query_row(following, now, trial_id=query.trial_id, attempt=len(tried)))
+        row.last_seen_at = now
+        session.flush()
+        studio.proposer.render([following.left, following.right])
+        return session_state.describe(studio, session, row)
+
+
+def _is_new(row: SessionRow, query: QueryRow, answer: Answer) -> bool:
+    """Whether the query is still to be answered; raises if it was answered otherwise."""
+    if query.set_aside_at is not None:
+        raise SetAsideError(
+            "expected a response to the query that took this one's place: this one did not play",
+            row.stage,
+        )
+    if query.response is None:
+        return True
+    if query.response.response != answer.response:
+        raise AlreadyAnsweredError(
+            f"expected {query.response.response!r} again, the response this query has, "
+            f"got {answer.response!r}",
+            row.stage,
+        )
+    return False
+
+
+def _shown(query: QueryRow, response: str) -> Shown:
+    return Shown(
+        query_index=query.query_index,
+        trial_type=query.trial_type,
+        left=query.left_candidate,
+        right=query.right_candidate,
+        left_recording=query.left_recording_id,
+        right_recording=query.right_recording_id,
+        acquisition=query.acquisition,
+        engine_version=query.engine_version,
+        response=response,
+    )
+
+
+def _store(
+    session: Session, row: SessionRow, query: QueryRow, answer: Answer, now: datetime
+) -> None:
+    query.response = Response(
+        response=answer.response,
+        skip_reason=answer.skip_reason,
+        rt_ms=answer.rt_ms,
+        answered_at=now,
+    )
+    queries.store_events(session, row, query, answer.happenings)
+
+
+def _store_lessons(session: Session, query: QueryRow, step: Step) -> None:
+    """Store what the response taught: the preferences that are new, and w_acq."""
+    known = session.scalar(
+        select(func.count(PreferenceRow.id)).where(PreferenceRow.trial_id == query.trial_id)
+    )
+    for index, preference in enumerate(step.preferences[known:], start=known or 0):
+        session.add(
+            PreferenceRow(
+                trial_id=query.trial_id,
+                preference_index=index,
+                winner=preference.winner,
+                loser=preference.loser,
+                origin=preference.origin,
+                query_index=preference.query_index,
+                drawn_from_query_index=preference.drawn_from_query_index,
+            )
+        )
+    if step.acquired is not None:
+        session.add(
+            Acquired(
+                trial_id=query.trial_id,
+                query_index=query.query_index,
+                candidate=step.acquired.candidate,
+                posterior_mean=step.acquired.mean,
+                posterior_std=step.acquired.std,
+            )
+        )

@@ -1,0 +1,104 @@
+"""Queries as they are stored: what was shown, what was answered, and what the browser saw."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from sqlalchemy import select
+from sqlalchemy.orm import Session, contains_eager, joinedload
+
+from app.storage.tables import Event, QueryRow, Response, SessionRow, Trial
+from app.study import protocol
+from app.study.protocol import Stage
+
+from .course import Record, Shown
+from .errors import NotFoundError
+
+
+@dataclass(frozen=True)
+class Happening:
+    """Something the browser saw while a query was on the screen, `time_ms` after it appeared."""
+
+    event: str
+    side: str | None
+    time_ms: float
+    value: str | None
+
+
+def find(session: Session, row: SessionRow, public_id: str) -> QueryRow:
+    """The query that this session's browser knows as `public_id`, with its trial and response."""
+    query = session.scalar(
+        select(QueryRow)
+        .join(Trial, QueryRow.trial_id == Trial.id)
+        .where(QueryRow.public_id == public_id, Trial.session_id == row.id)
+        .options(contains_eager(QueryRow.trial), joinedload(QueryRow.response))
+    )
+    if query is None:
+        if row.stage != Stage.QUERY:
+            raise protocol.OutOfOrder(Stage(row.stage), "no query is open")
+        raise NotFoundError(f"this session has no query {public_id!r}")
+    return query
+
+
+def standing_at(session: Session, trial_id: int, query_index: int) -> QueryRow:
+    """The query at this place of a trial that was not set aside, with its recordings."""
+    return session.scalars(
+        select(QueryRow)
+        .where(
+            QueryRow.trial_id == trial_id,
+            QueryRow.query_index == query_index,
+            QueryRow.set_aside_at.is_(None),
+        )
+        .options(joinedload(QueryRow.left_recording), joinedload(QueryRow.right_recording))
+    ).one()
+
+
+def read_record(session: Session, trial_id: int) -> Record:
+    """The answered queries of one trial, in order."""
+    rows = session.execute(
+        select(*_SHOWN, Response.response)
+        .join(Response, Response.query_id == QueryRow.id)
+        .where(QueryRow.trial_id == trial_id)
+        .order_by(QueryRow.query_index)
+    )
+    return tuple(Shown(*row) for row in rows)
+
+
+def read_attempts(session: Session, query: QueryRow) -> Record:
+    """All that was shown at the place of this query, set aside or not, oldest first."""
+    rows = session.execute(
+        select(*_SHOWN)
+        .where(QueryRow.trial_id == query.trial_id, QueryRow.query_index == query.query_index)
+        .order_by(QueryRow.attempt)
+    )
+    return tuple(Shown(*row, response=None) for row in rows)
+
+
+def store_events(
+    session: Session, row: SessionRow, query: QueryRow, happenings: Iterable[Happening]
+) -> None:
+    session.add_all(
+        Event(
+            session_id=row.id,
+            trial_index=query.trial.trial_index,
+            query_index=query.query_index,
+            event=happening.event,
+            side=happening.side,
+            time_ms=happening.time_ms,
+            value=happening.value,
+        )
+        for happening in happenings
+    )
+
+
+_SHOWN = (
+    QueryRow.query_index,
+    QueryRow.trial_type,
+    QueryRow.left_candidate,
+    QueryRow.right_candidate,
+    QueryRow.left_recording_id,
+    QueryRow.right_recording_id,
+    QueryRow.acquisition,
+    QueryRow.engine_version,
+)

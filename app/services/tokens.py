@@ -10,6 +10,7 @@ import string
 _ALPHABET = "23456789BCDFGHJKLMNPQRSTVWXZ"
 
 _LETTERS_AND_DIGITS = string.ascii_letters + string.digits
+
 #: Enough that guessing is hopeless without a limit on tries: 28^16 is over 2^76.
 _RECEIPT_LETTERS = 16
 

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from itertools import pairwise
+
 import pytest
 
 from app.services.studies import StudyInfo
@@ -74,25 +77,28 @@ def test_each_trial_has_the_skip_button_of_its_own_condition_or_none(
 
 
 def test_six_sessions_take_the_six_balanced_orders(
-    client: Api, short_study: StudyInfo, clock: Clock
+    client: Api, short_study: StudyInfo, api_token: str
 ) -> None:
-    orders = set()
     for _ in range(6):
-        session = client.start()
-        seen: list[str] = []
+        client.start()
+    conditions = client.table("sessions", api_token)["conditions"]
+    orders = [tuple(names.split("; ")) for names in conditions]
+    assert len(set(orders)) == 6
+    for place in range(3):
+        assert set(Counter(order[place] for order in orders).values()) == {2}
+    followers = Counter(pair for order in orders for pair in pairwise(order))
+    assert set(followers.values()) == {2}
+    assert len(followers) == 6
 
-        def choose(state: dict[str, object], seen: list[str] = seen) -> str:
-            query = state["query"]
-            assert isinstance(query, dict)
-            label = (query["skip"] or {"label": "none"})["label"]
-            if label not in seen:
-                seen.append(label)
-            return "left"
 
-        session.to_the_end(choose, clock.forward)
-        orders.add(tuple(seen))
-    assert len(orders) == 6
-    assert all(len(order) == 3 for order in orders)
+def test_a_session_goes_through_its_conditions_in_the_order_it_was_given(
+    client: Api, short_study: StudyInfo, api_token: str, clock: Clock
+) -> None:
+    client.start().to_the_end(lambda _: "left", clock.forward)
+    queries = client.table("queries", api_token)
+    walked = queries.groupby("trial_index")["condition"].first().to_list()
+    given = client.table("sessions", api_token)["conditions"].iloc[0]
+    assert walked == given.split("; ")
 
 
 def test_somebody_who_left_long_ago_does_not_hold_a_place_in_the_balance(

@@ -1,0 +1,197 @@
+"""The acceptability threshold: what skips and choices say of it, and what it says of candidates."""
+
+import numpy as np
+import pytest
+
+from app.pbbo import Preference, PreferenceOptimizer, Settings, SettingsError
+from app.pbbo.averaging import Average, average_over
+from app.pbbo.candidates import Candidates, FloatArray
+from app.pbbo.preferences import Response
+from app.pbbo.synthesis import Learned
+from app.pbbo.threshold import with_threshold
+
+STEP = 0.05
+TRIANGLE: FloatArray = np.array([(i * STEP, j * STEP) for i in range(21) for j in range(i + 1)])
+FEW: FloatArray = np.array([[0.0], [0.4], [1.0]])
+
+History = list[tuple[int, int, Response]]
+
+
+def belief(history: History, points: FloatArray = TRIANGLE) -> Average:
+    learned = Learned(seed=0, synthesise=False)
+    for index, (left, right, response) in enumerate(history):
+        learned.record(index, left, right, response)
+    candidates = Candidates.from_array(points, scale=True)
+    return average_over(candidates, learned.preferences, learned.skips, Settings())
+
+
+def test_a_choice_lies_above_the_threshold_and_a_skip_below() -> None:
+    learned = Learned(seed=0, synthesise=False)
+    learned.record(0, 3, 4, "right")
+    learned.record(1, 1, 2, "skip")
+
+    assert with_threshold(learned.preferences, learned.skips, 9) == (
+        Preference(4, 3, "answer", 0),
+        Preference(4, 9, "answer", 0),
+        Preference(9, 1, "answer", 1),
+        Preference(9, 2, "answer", 1),
+    )
+
+
+def test_after_skips_the_threshold_lies_above_what_was_skipped() -> None:
+    skipped = [(0, 20), (50, 60), (100, 5)]
+
+    after = belief([(a, b, "skip") for a, b in skipped])
+
+    threshold, _ = after.threshold
+    assert threshold > 0.0
+    for candidate in np.ravel(skipped):
+        assert after.mean[candidate] < 0.0 < threshold
+
+
+def test_after_choices_the_chosen_lie_above_the_threshold() -> None:
+    after = belief([(0, 20, "left"), (50, 60, "left"), (100, 5, "left")])
+
+    threshold, _ = after.threshold
+    assert threshold < 0.0
+    for chosen in (0, 50, 100):
+        assert after.mean[chosen] > threshold
+
+
+def test_a_skip_moves_the_belief_away_from_both_before_anything_was_chosen() -> None:
+    optimizer = PreferenceOptimizer.replay(
+        TRIANGLE, [(0, 1, "skip"), (2, 5, "skip")], method="pbpo-threshold"
+    )
+
+    best = optimizer.best()
+
+    mean, _ = optimizer.posterior()
+    assert mean[best] > mean[[0, 1, 2, 5]].max()
+    assert np.linalg.norm(TRIANGLE[best] - TRIANGLE[1]) > 0.2
+
+
+def test_swapping_the_sides_of_every_query_changes_nothing() -> None:
+    history: History = [(0, 100, "left"), (30, 100, "right"), (7, 8, "skip"), (9, 5, "left")]
+    other: dict[Response, Response] = {"left": "right", "right": "left", "skip": "skip"}
+    swapped: History = [(b, a, other[response]) for a, b, response in history]
+
+    one, two = belief(history), belief(swapped)
+
+    np.testing.assert_array_equal(one.mean, two.mean)
+    np.testing.assert_array_equal(one.std, two.std)
+    assert one.threshold == two.threshold
+
+
+def test_the_order_of_the_responses_changes_nothing() -> None:
+    history: History = [(0, 100, "left"), (30, 100, "right"), (7, 8, "skip"), (9, 5, "left")]
+
+    one, two = belief(history), belief(history[::-1])
+
+    np.testing.assert_array_equal(one.mean, two.mean)
+
+
+def test_the_mixture_weighs_the_length_scales_by_their_evidence() -> None:
+    rng = np.random.default_rng(4)
+    wave = np.sin(20.0 * TRIANGLE[:, 0]) * np.sin(20.0 * TRIANGLE[:, 1])
+    slope = TRIANGLE[:, 0]
+    weighted = {}
+    for name, taste in (("wave", wave), ("slope", slope)):
+        history: History = []
+        for _ in range(60):
+            a, b = (int(i) for i in rng.choice(len(TRIANGLE), 2, replace=False))
+            history.append((a, b, "left" if taste[a] >= taste[b] else "right"))
+        after = belief(history)
+        assert after.weights.sum() == pytest.approx(1.0)
+        weighted[name] = after.weights @ np.log([part.prior.length_scale for part in after.parts])
+
+    assert weighted["wave"] < weighted["slope"]
+
+
+def test_functions_drawn_from_the_mixture_have_its_mean_and_spread() -> None:
+    after = belief([(0, 100, "left"), (30, 100, "right"), (7, 8, "skip"), (9, 5, "left")])
+
+    drawn = after.draw(np.random.default_rng(0), 4000)
+
+    assert drawn.shape == (len(TRIANGLE), 4000)
+    np.testing.assert_allclose(drawn.mean(axis=1), after.mean, atol=0.08)
+    np.testing.assert_allclose(drawn.std(axis=1), after.std, atol=0.08)
+
+
+def test_the_same_history_and_seed_give_the_same_queries() -> None:
+    def walk() -> list[tuple[int, int, str]]:
+        optimizer = PreferenceOptimizer(TRIANGLE, "pbpo-threshold", 5)
+        asked = []
+        for _ in range(9):
+            query = optimizer.ask()
+            asked.append((query.left, query.right, query.acquisition))
+            both_low = max(TRIANGLE[query.left, 0], TRIANGLE[query.right, 0]) < 0.4
+            left_wins = TRIANGLE[query.left, 0] >= TRIANGLE[query.right, 0]
+            optimizer.tell(query, "skip" if both_low else "left" if left_wins else "right")
+        return asked
+
+    assert walk() == walk()
+    assert walk()[-1][2] != "random"
+
+
+@pytest.mark.parametrize(
+    "history",
+    [
+        [(0, 1, "left")] * 40,
+        [(0, 1, "left"), (0, 1, "right")] * 20,
+        [(0, 1, "skip")] * 40,
+        [(0, 1, "skip"), (0, 1, "left"), (1, 2, "skip"), (2, 1, "right")] * 10,
+    ],
+)
+def test_one_sided_contradictory_and_skipped_answers_leave_a_usable_belief(
+    history: History,
+) -> None:
+    optimizer = PreferenceOptimizer.replay(
+        FEW, history, method="pbpo-threshold", settings=Settings(random_queries=0)
+    )
+
+    query = optimizer.ask()
+
+    mean, std = optimizer.posterior()
+    assert np.isfinite(mean).all()
+    assert (std > 0.0).all()
+    assert query.trial_type == "model"
+    assert {query.left, query.right} != set(history[-1][:2])
+    assert 0 <= optimizer.best() < len(FEW)
+
+
+def test_two_candidates_and_six_dimensions_are_served() -> None:
+    settings = Settings(random_queries=0)
+    pair = PreferenceOptimizer([[0.0], [1.0]], "pbpo-threshold", 1, settings)
+    for _ in range(4):
+        pair.tell(pair.ask(), "left")
+    assert {pair.ask().left, pair.ask().right} == {0, 1}
+
+    points = np.random.default_rng(0).random((700, 6))
+    many = PreferenceOptimizer(points, "pbpo-threshold", 1, settings)
+    for response in ("left", "skip", "right"):
+        query = many.ask()
+        assert query.trial_type == "model"
+        many.tell(query, response)
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"threshold_length_scales": []}, r"threshold_length_scales: expected a list of at least"),
+        ({"threshold_length_scales": [0.1, 0.0]}, r"threshold_length_scales\[1\]: expected"),
+        ({"threshold_length_scales": 0.1}, r"threshold_length_scales: expected a list"),
+        ({"threshold_length_scales": [1e-9]}, r"length_scale: expected 0.0001 to"),
+        ({"threshold_epsilon": 1e-9}, r"threshold_epsilon: expected sqrt"),
+        ({"threshold_epsilon": "quiet"}, r"threshold_epsilon: expected a number"),
+    ],
+)
+def test_a_wrong_setting_is_named_with_its_place(given: dict[str, object], message: str) -> None:
+    with pytest.raises(SettingsError, match=message):
+        Settings.from_mapping(given)
+
+
+def test_settings_read_from_a_plan_may_give_lists() -> None:
+    settings = Settings.from_mapping({"threshold_length_scales": [0.1, 0.3]})
+
+    assert settings.threshold_length_scales == (0.1, 0.3)
+    assert Settings.from_mapping(settings.to_mapping()) == settings

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-import io
 import re
 from pathlib import Path
-from typing import Final, Protocol
+from typing import Any, Final, Protocol
 
-PNG_SCALE: Final = 2  # pixels per point: sharp on dense screens and in print
+import altair as alt
+import vl_convert
 
+PNG_SCALE: Final = 2.0  # pixels per point: sharp on dense screens and in print
+
+#: As vl-convert names Vega-Lite's versions, "6.1" for "v6.1.0".
+_VEGA_LITE: Final = ".".join(alt.SCHEMA_VERSION.removeprefix("v").split(".")[:2])
 #: Coordinates finer than a hundredth of a point are not seen, and make up half of a map's file.
 _FINE_NUMBER: Final = re.compile(r"-?\d+\.\d{3,}")
 
@@ -16,29 +20,22 @@ _FINE_NUMBER: Final = re.compile(r"-?\d+\.\d{3,}")
 class Drawable(Protocol):
     """Any Altair chart."""
 
-    def save(self, fp: io.IOBase, format: str, **options: object) -> None: ...  # noqa: A002
+    def to_dict(self) -> dict[str, Any]: ...
 
 
-def svg(chart: Drawable) -> bytes:
+def svg(chart: Drawable) -> str:
     """The chart as SVG."""
-    text = io.StringIO()
-    chart.save(text, format="svg")
-    coarse = _FINE_NUMBER.sub(lambda found: f"{float(found[0]):.2f}", text.getvalue())
-    return coarse.encode()
-
-
-def png(chart: Drawable) -> bytes:
-    """The chart as PNG."""
-    image = io.BytesIO()
-    chart.save(image, format="png", scale_factor=PNG_SCALE)
-    return image.getvalue()
+    text = vl_convert.vegalite_to_svg(chart.to_dict(), vl_version=_VEGA_LITE)
+    return _FINE_NUMBER.sub(lambda found: f"{float(found[0]):.2f}", text)
 
 
 def save(chart: Drawable, folder: Path, name: str) -> tuple[Path, Path]:
-    """Write folder/name.svg and folder/name.png, each whole or not at all."""
+    """Write folder/name.svg and folder/name.png, one picture, each file whole or not at all."""
     folder.mkdir(parents=True, exist_ok=True)
+    text = svg(chart)
+    image = vl_convert.svg_to_png(text, scale=PNG_SCALE)
     paths = folder / f"{name}.svg", folder / f"{name}.png"
-    for path, content in zip(paths, (svg(chart), png(chart)), strict=True):
+    for path, content in zip(paths, (text.encode(), image), strict=True):
         part = path.with_name(f".{path.name}.part")
         part.write_bytes(content)
         part.replace(path)

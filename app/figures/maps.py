@@ -106,7 +106,7 @@ def _panel(
             )
         )
     if optimum:
-        frame = alt.Chart(inline(optimum)).mark_point(
+        frame = alt.Chart(inline({"w0": r["w0"], "w1": r["w1"]} for r in optimum)).mark_point(
             shape="square",
             filled=False,
             stroke=OPTIMUM_COLOUR,

@@ -7,6 +7,9 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+from scipy import special
+
+from app.crane.environments import FloatArray
 
 #: Levels of the paper's stars (Fig. 11, 13 and 17), strictest first.
 STARS: Final = ((0.01, "**"), (0.05, "*"))
@@ -60,20 +63,27 @@ def compare(first: Sequence[float], second: Sequence[float]) -> Comparison:
         infinite = 0.0 if same else float(np.copysign(np.inf, difference))
         p = 1.0 if same else 0.0
         return Comparison(difference, difference, difference, infinite, p, infinite)
-    # SciPy's statistics take half a second to load, which only a comparison should pay.
-    from scipy import stats  # noqa: PLC0415
-
-    student = stats.ttest_ind(a, b)
-    interval = stats.ttest_ind(a, b, equal_var=False).confidence_interval(0.95)
+    t = difference / (pooled * np.sqrt(1.0 / len(a) + 1.0 / len(b)))
+    half = _welch_half_width(a, b)
     small_sample = 1.0 - 3.0 / (4.0 * freedom - 1.0)
     return Comparison(
         difference,
-        float(interval.low),
-        float(interval.high),
-        float(student.statistic),
-        float(student.pvalue),
+        difference - half,
+        difference + half,
+        float(t),
+        float(2.0 * special.stdtr(freedom, -abs(t))),
         small_sample * difference / pooled,
     )
+
+
+def _welch_half_width(a: FloatArray, b: FloatArray) -> float:
+    """Half of the 95 % interval of the difference of two means, their variances unequal."""
+    # Not scipy.stats: it warns where one sample never varies, as that of a method that always
+    # finds the optimum, and takes half a second to load.
+    shares = np.array([a.var(ddof=1) / len(a), b.var(ddof=1) / len(b)])
+    error = float(shares.sum())
+    freedom = error**2 / float((shares**2 / np.array([len(a) - 1, len(b) - 1])).sum())
+    return float(special.stdtrit(freedom, 0.975) * np.sqrt(error))
 
 
 def interquartile_range(values: Sequence[float]) -> float:

@@ -38,7 +38,13 @@ class Identity:
 
 def identity(seed: int, worlds: Mapping[str, World]) -> Identity:
     """Of trials run now, with this seed."""
-    settings = repr((dict(PRESETS), dict(SCORE_PRESETS), PEOPLE, ETA))
+    papers = [
+        (name, settings)
+        for presets in (PRESETS, SCORE_PRESETS)
+        for name, settings in presets.items()
+        if name.startswith("paper-")
+    ]
+    settings = repr((papers, PEOPLE, ETA))
     recordings = " ".join(f"{name}:{world.digest()}" for name, world in sorted(worlds.items()))
     digest = hashlib.sha256(settings.encode()).hexdigest()[:16]
     return Identity(seed, ENGINE_VERSION, digest, recordings)

@@ -13,11 +13,12 @@ from sqlalchemy.orm import Session
 
 from app.storage.tables import Identity, Participant, SessionRow
 from app.study import assignment
+from app.study import recruitment as rules
 from app.study.plan import Plan
 from app.study.protocol import Progress, Stage
 
+from . import failures, studies
 from . import state as session_state
-from . import studies
 from .errors import ForbiddenError, StudyNotOpenError
 from .state import State
 from .studio import Studio
@@ -47,6 +48,7 @@ class Entrance:
 def entrance(studio: Studio, slug: str, language: str | None = None) -> Entrance:
     """The open study's consent. Raises NotFoundError, or StudyNotOpenError."""
     study = studies.find(studio, slug)
+    failures.remember(slug, study.plan)
     _require_open(study.status, slug, LIVE)
     language = _language(study.plan, language)
     return Entrance(
@@ -81,7 +83,7 @@ def start(
         participant = Participant(study_id=study.id, pseudonym=new_pseudonym("P"), created_at=now)
         session.add(participant)
         session.flush()
-        for key, value in (external_ids or {}).items():
+        for key, value in _ids(study.plan, external_ids or {}).items():
             session.add(
                 Identity(participant_id=participant.id, key=key, value=value, created_at=now)
             )
@@ -94,6 +96,7 @@ def start(
             token_hash=secret_hash(token),
             receipt_hash=receipt_hash(receipt_code(token)),
             mode=mode,
+            platform=_platform(study.plan),
             language=_language(study.plan, language),
             seed=seed,
             order_index=order_index,
@@ -107,6 +110,16 @@ def start(
         session.flush()
         state = session_state.describe(studio, session, row)
     return token, state
+
+
+def _ids(plan: Plan, given: Mapping[str, str]) -> Mapping[str, str]:
+    """What is kept of the ids that came: of a platform its own, else what a program has given."""
+    return given if _platform(plan) is None else rules.kept(plan.recruitment, given)
+
+
+def _platform(plan: Plan) -> str | None:
+    name = plan.recruitment.platform
+    return None if name == rules.NO_PLATFORM else name
 
 
 def _require_open(status: str, slug: str, mode: str, *, by_experimenter: bool = False) -> None:

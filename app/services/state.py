@@ -17,7 +17,7 @@ from app.study import texts
 from app.study.plan import Plan
 from app.study.protocol import FINAL_STAGES, Progress, Stage, position
 
-from . import playlist, queries
+from . import playlist, queries, recruitment
 from .course import learned
 from .proposals import TrialInHand
 from .studies import stored_plan
@@ -64,6 +64,10 @@ def describe(studio: Studio, session: Session, row: SessionRow) -> State:
             state["break"] = _break(progress.break_ends_at, studio.now())
         case Stage.DEBRIEF:
             state["debrief"] = {"html": rendered(written["debrief"])}
+        case Stage.COMPLETED | Stage.SCREENED_OUT | Stage.WITHDRAWN | Stage.DECLINED:
+            way_back = recruitment.at_the_end(session, row, plan)
+            if way_back is not None:
+                state[progress.stage.value] = way_back
     return state
 
 

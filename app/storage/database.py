@@ -75,10 +75,11 @@ class Database:
 
 
 def _engine(url: str) -> Engine:
+    # Parameters stay out of error messages, which end in logs: they hold platforms' ids.
     if make_url(url).get_backend_name() != "sqlite":
-        return create_engine(url, pool_pre_ping=True)
+        return create_engine(url, pool_pre_ping=True, hide_parameters=True)
     # One connection per thread of the server's pool: a waiting reader never starves a response.
-    engine = create_engine(url, pool_size=16, max_overflow=32)
+    engine = create_engine(url, pool_size=16, max_overflow=32, hide_parameters=True)
     event.listen(engine, "connect", _configure_sqlite)
     event.listen(engine, "begin", _begin_sqlite)
     return engine

@@ -9,6 +9,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
+from app.study import recruitment
 from app.study.files import misplaced
 from app.study.plain import (
     Inconsistency,
@@ -73,6 +74,7 @@ def inconsistencies(plan: Mapping[str, object]) -> list[Inconsistency]:
         *_environments(plan),
         *_conditions(plan),
         *_familiarisation(plan),
+        *recruitment.disagreements(plan),
         *_blocks(plan),
     ]
 

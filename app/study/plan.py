@@ -25,6 +25,7 @@ from pydantic_core import PydanticCustomError
 from app.study.consistency import CRANE, METHODS, inconsistencies
 from app.study.part import ONE_OR_MORE_TEXTS, LocalText, Part
 from app.study.recordings import RecordingRow
+from app.study.recruitment import Recruitment
 from app.study.stages import Familiarisation
 
 # These name folders as well, so they hold nothing that leads elsewhere.
@@ -129,6 +130,9 @@ class Plan(Part):
     blocks: Literal["session", "environment"] = Field(
         default="session",
         description="session, or environment to keep the trials of each environment together",
+    )
+    recruitment: Recruitment = Field(
+        default=Recruitment(), description="a mapping such as {platform: prolific, codes: ...}"
     )
     session_expires_after_days: StrictInt = Field(
         default=14, ge=1, le=3650, description="a whole number of days from 1 to 3650"

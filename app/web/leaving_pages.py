@@ -7,15 +7,16 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Form, Request
 from fastapi.responses import RedirectResponse, Response
 
-from app.services import participation, studies, withdrawal
+from app.services import participation, recruitment, studies, withdrawal
 from app.services.errors import NotFoundError, SessionExpiredError, SignInRequiredError
 from app.services.state import ENDED
 from app.services.studio import Studio
 
+from .failing_kindly import FailingKindly
 from .security import StudioDep, session_cookie
 from .session_pages import do, render, to_stage, token_of
 
-router = APIRouter(prefix="/s/{slug}", include_in_schema=False)
+router = APIRouter(prefix="/s/{slug}", include_in_schema=False, route_class=FailingKindly)
 
 _DELETE_TITLE = "Delete my answers"
 
@@ -94,8 +95,15 @@ def delete(
 
 @router.get("/deleted")
 def deleted(slug: str, request: Request, studio: StudioDep) -> Response:
+    """What a browser without a session is told; the way back needs no id that was deleted."""
+    plan = studies.find(studio, slug).plan
     return render(
-        request, slug, "participant/deleted.html", "Everything is deleted", **_about(studio, slug)
+        request,
+        slug,
+        "participant/deleted.html",
+        "Everything is deleted",
+        **_about(studio, slug),
+        way_back=recruitment.described(plan, "withdrawn"),
     )
 
 

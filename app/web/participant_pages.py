@@ -7,7 +7,7 @@ from typing import Annotated
 from fastapi import APIRouter, Form, Request
 from fastapi.responses import Response
 
-from app.services import admission, participation, withdrawal
+from app.services import admission, participation, recruitment, studies, withdrawal
 from app.services.errors import (
     SessionExpiredError,
     SignInRequiredError,
@@ -16,15 +16,12 @@ from app.services.errors import (
 from app.services.state import State
 from app.services.studio import Studio
 
+from . import mturk_pages
+from .failing_kindly import FailingKindly
 from .security import SESSION_COOKIE_SECONDS, StudioDep, session_cookie, set_cookie
 from .session_pages import do, is_known, render, to_stage, token_of
 
-router = APIRouter(prefix="/s/{slug}", include_in_schema=False)
-
-#: Parameters of an address beyond these are not a platform's.
-MAX_EXTERNAL_IDS = 20
-MAX_KEY = 60
-MAX_VALUE = 200
+router = APIRouter(prefix="/s/{slug}", include_in_schema=False, route_class=FailingKindly)
 
 _TITLES = {
     "consent": "Consent",
@@ -36,12 +33,16 @@ _TITLES = {
     "completed": "Thank you",
     "withdrawn": "You have stopped",
     "declined": "You have declined",
+    "screened_out": "Thank you",
 }
 
 
 @router.get("")
 def enter(slug: str, request: Request, studio: StudioDep) -> Response:
     """The page of the stage that the browser's session is in; for a newcomer, the consent."""
+    outside = mturk_pages.outside_the_study(request, slug, studio)
+    if outside is not None:
+        return outside
     try:
         state = participation.current(studio, token_of(request, slug))
     except SessionExpiredError:
@@ -64,7 +65,10 @@ def consent(
         if version != entrance.consent["version"]:
             return to_stage(slug)
         token, _ = admission.start(
-            studio, slug, external_ids=_external_ids(request), language=entrance.language
+            studio,
+            slug,
+            external_ids=recruitment.ids_in_link(studio, slug, request.query_params),
+            language=entrance.language,
         )
     response = do(slug, lambda: participation.consent(studio, token, version))
     set_cookie(response, studio, session_cookie(slug), token, max_age=SESSION_COOKIE_SECONDS)
@@ -76,7 +80,15 @@ def decline(slug: str, request: Request, studio: StudioDep) -> Response:
     """Decline. A newcomer leaves without a trace."""
     token = request.cookies.get(session_cookie(slug))
     if token is None or not is_known(studio, token):
-        return render(request, slug, "participant/declined.html", _TITLES["declined"])
+        plan = studies.find(studio, slug).plan
+        ids = recruitment.ids_in_link(studio, slug, request.query_params)
+        return render(
+            request,
+            slug,
+            "participant/declined.html",
+            _TITLES["declined"],
+            way_back=recruitment.described(plan, "declined", ids),
+        )
     return do(slug, lambda: withdrawal.withdraw(studio, token))
 
 
@@ -118,9 +130,5 @@ def _stage_page(request: Request, slug: str, state: State) -> Response:
         state,
         html=shown.get("html", ""),
         version=shown.get("version", ""),
+        way_back=shown if "url" in shown else None,
     )
-
-
-def _external_ids(request: Request) -> dict[str, str]:
-    pairs = list(request.query_params.items())[:MAX_EXTERNAL_IDS]
-    return {key[:MAX_KEY]: value[:MAX_VALUE] for key, value in pairs if key and value}

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import hmac
 import secrets
+from collections.abc import Sequence
 from typing import Annotated
 
 from fastapi import Depends, Header, Request
@@ -23,19 +24,29 @@ FORM_COOKIE = "pbpo_form"
 #: A cookie that outlives a study's longest session; the session's own date decides.
 SESSION_COOKIE_SECONDS = 400 * 24 * 3600
 
-CONTENT_SECURITY_POLICY = "; ".join(
-    (
-        "default-src 'none'",
-        "script-src 'self'",
-        "style-src 'self'",
-        "img-src 'self' data:",
-        "media-src 'self' blob:",
-        "connect-src 'self'",
-        "form-action 'self'",
-        "frame-ancestors 'none'",
-        "base-uri 'none'",
+POLICY = "Content-Security-Policy"
+
+
+def content_security_policy(
+    *, form_action: Sequence[str] = (), frame_ancestors: Sequence[str] = ()
+) -> str:
+    """What a page of ours may do: nothing but with ourselves, and with the sites named here."""
+    return "; ".join(
+        (
+            "default-src 'none'",
+            "script-src 'self'",
+            "style-src 'self'",
+            "img-src 'self' data:",
+            "media-src 'self' blob:",
+            "connect-src 'self'",
+            " ".join(("form-action 'self'", *dict.fromkeys(form_action))),
+            " ".join(("frame-ancestors", *(frame_ancestors or ("'none'",)))),
+            "base-uri 'none'",
+        )
     )
-)
+
+
+CONTENT_SECURITY_POLICY = content_security_policy()
 
 _SAFE_METHODS = frozenset({"GET", "HEAD", "OPTIONS"})
 
@@ -147,7 +158,7 @@ def new_form_secret() -> str:
 
 #: What every response says unless its route says otherwise.
 _HEADERS = (
-    ("Content-Security-Policy", CONTENT_SECURITY_POLICY),
+    (POLICY, CONTENT_SECURITY_POLICY),
     ("X-Content-Type-Options", "nosniff"),
     ("Referrer-Policy", "same-origin"),
     ("Cross-Origin-Opener-Policy", "same-origin"),

@@ -15,8 +15,9 @@ from app.services.state import State
 from app.services.studio import Studio
 from app.services.tokens import receipt_code
 from app.study.protocol import ProtocolError
+from app.study.recruitment import MTURK_FRAMES, MTURK_HOSTS
 
-from .security import session_cookie
+from .security import POLICY, content_security_policy, session_cookie
 from .templating import page
 
 
@@ -46,7 +47,13 @@ def render(
         "receipt": receipt_code(token) if state and token else None,
         **context,
     }
-    return page(request, template, values, status_code=status)
+    response = page(request, template, values, status_code=status)
+    way_back = context.get("way_back")
+    if way_back is not None and "fields" in way_back:
+        # The one form that leaves our pages: to Mechanical Turk, which redirects within itself.
+        hosts = [f"https://{host}" for host in MTURK_HOSTS]
+        response.headers[POLICY] = content_security_policy(form_action=(*hosts, *MTURK_FRAMES))
+    return response
 
 
 def do(slug: str, action: Callable[[], State]) -> Response:

@@ -42,6 +42,7 @@ def _sessions_columns(_plan: Plan) -> tuple[Column, ...]:
         PARTICIPANT,
         SESSION,
         MODE,
+        text("platform", "Recruitment platform that the participant came from, if any."),
         text("language", "Language of the pages."),
         integer("order_index", "Which order of conditions the session was given."),
         text(
@@ -79,6 +80,7 @@ def _sessions_rows(session: Session, request: Request) -> Iterator[Row]:
             pseudonym,
             row.public_id,
             row.mode,
+            row.platform,
             row.language,
             row.order_index,
             # A name may hold spaces, but no semicolon.

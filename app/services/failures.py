@@ -1,0 +1,42 @@
+"""What is due to somebody whom a fault of ours has stopped."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from app.study.plan import Plan
+from app.study.protocol import Stage
+from app.study.recruitment import Outcome
+
+from . import recruitment, sessions, studies
+from .studio import Studio
+
+#: Each study's plan as it was last seen: the way back is known even if the database is not there.
+_LAST_SEEN: dict[str, Plan] = {}
+
+
+def remember(slug: str, plan: Plan) -> None:
+    _LAST_SEEN[slug] = plan
+
+
+def after_a_failure(studio: Studio, slug: str, token: str | None) -> dict[str, Any] | None:
+    """The way back of somebody whom a fault of ours stopped.
+
+    Whoever had given every answer has them all stored, and has completed the study as far as it
+    was in their hands: theirs is the code of completion.
+    """
+    try:
+        with studio.database.read() as session:
+            if token is None:
+                plan = studies.read(session, slug).plan
+                return recruitment.described(plan, "technical")
+            row = sessions.find(studio, session, token, even_expired=True)
+            plan = studies.stored_plan(row.plan)
+            all_answered = row.stage in (Stage.DEBRIEF, Stage.COMPLETED)
+            outcome: Outcome = "completed" if all_answered else "technical"
+            return recruitment.described(
+                plan, outcome, recruitment.ids_of(session, row.participant_id)
+            )
+    except Exception:
+        known = _LAST_SEEN.get(slug)
+        return recruitment.described(known, "technical") if known is not None else None

@@ -1,0 +1,186 @@
+"""Where participants come from: what a platform's link says of them, and the way back to it.
+
+Forms of addresses: Prolific returns by `submissions/complete?cc=CODE`; CloudResearch Connect by
+`participant/project/PROJECT/complete`; SONA grants credit at the study's own client-side
+completion address, given the survey code; Mechanical Turk takes a form at `externalSubmit`.
+"""
+
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Annotated, Literal
+from urllib.parse import parse_qsl, quote, urlencode, urlsplit, urlunsplit
+
+from pydantic import Field, StrictStr, StringConstraints
+
+from app.study.part import Part
+from app.study.plain import Inconsistency, as_mapping
+
+NO_PLATFORM = "none"
+
+#: How a passage may end, as far as a platform is concerned.
+Outcome = Literal["completed", "screened_out", "declined", "withdrawn", "technical"]
+
+#: Where Mechanical Turk takes results, and nowhere else: the address comes from the link.
+MTURK_HOSTS = ("www.mturk.com", "workersandbox.mturk.com")
+#: The pages in whose frame Mechanical Turk shows a task.
+MTURK_FRAMES = ("https://worker.mturk.com", "https://workersandbox.mturk.com")
+_NOT_ACCEPTED = "ASSIGNMENT_ID_NOT_AVAILABLE"
+
+#: An id that may become part of an address.
+_PLAIN_ID = re.compile(r"[A-Za-z0-9_-]{1,64}")
+LONGEST_ID = 200
+
+
+@dataclass(frozen=True)
+class Platform:
+    """What a platform adds to the link, and which of it names the person."""
+
+    label: str
+    parameters: tuple[str, ...]
+    person: str
+
+
+PLATFORMS: Mapping[str, Platform] = {
+    "prolific": Platform("Prolific", ("PROLIFIC_PID", "STUDY_ID", "SESSION_ID"), "PROLIFIC_PID"),
+    "connect": Platform(
+        "CloudResearch Connect", ("participantId", "assignmentId", "projectId"), "participantId"
+    ),
+    # SONA's parameter is the study's own choice: `Recruitment.parameter`.
+    "sona": Platform("SONA", (), ""),
+    "mturk": Platform(
+        "Mechanical Turk", ("workerId", "assignmentId", "hitId", "turkSubmitTo"), "workerId"
+    ),
+}
+
+_CODE_FORM = "a code of up to 60 letters, digits, - and _"
+Code = Annotated[StrictStr, StringConstraints(pattern=r"^[A-Za-z0-9_-]{1,60}$")]
+Address = Annotated[StrictStr, StringConstraints(pattern=r"^https://[^\s/]+(/\S*)?$")]
+
+
+class Recruitment(Part):
+    """How participants are recruited, and how they get back to where they came from."""
+
+    platform: Literal["none", "prolific", "connect", "sona", "mturk"] = Field(
+        default="none", description="none, prolific, connect, sona or mturk"
+    )
+    parameter: StrictStr = Field(
+        default="survey_code",
+        pattern=r"^[A-Za-z][A-Za-z0-9_]{0,39}$",
+        description="for sona, the name of the parameter that carries %SURVEY_CODE%",
+    )
+    codes: dict[Outcome, Code] = Field(
+        default_factory=dict,
+        description=f"a mapping of completed, screened_out, declined, withdrawn or technical to"
+        f" {_CODE_FORM}",
+    )
+    return_urls: dict[Outcome, Address] = Field(
+        default_factory=dict,
+        description="a mapping of completed, screened_out, declined, withdrawn or technical to"
+        " an address that begins with https://",
+    )
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """What is kept of a link's parameters. Without a platform: whatever a known one adds."""
+        if self.platform == "sona":
+            return (self.parameter,)
+        if self.platform == NO_PLATFORM:
+            every = (name for platform in PLATFORMS.values() for name in platform.parameters)
+            return tuple(dict.fromkeys(every))
+        return PLATFORMS[self.platform].parameters
+
+    @property
+    def label(self) -> str | None:
+        """The platform's name for people."""
+        return PLATFORMS[self.platform].label if self.platform in PLATFORMS else None
+
+
+@dataclass(frozen=True)
+class WayBack:
+    """What somebody takes away at the end. `fields`: to be sent to `url` as a form, else a link."""
+
+    code: str | None
+    url: str | None
+    fields: Mapping[str, str] = field(default_factory=dict)
+
+
+def kept(recruitment: Recruitment, given: Mapping[str, str]) -> dict[str, str]:
+    """What may be kept of the parameters of a link: the platform's own, and none besides."""
+    known = {name: given[name][:LONGEST_ID] for name in recruitment.parameters if given.get(name)}
+    if "turkSubmitTo" in known and _submit_address(known["turkSubmitTo"]) is None:
+        del known["turkSubmitTo"]
+    return known
+
+
+def is_mturk_preview(recruitment: Recruitment, given: Mapping[str, str]) -> bool:
+    """Whether somebody only looks at the task on Mechanical Turk, and has not accepted it."""
+    return recruitment.platform == "mturk" and given.get("assignmentId") == _NOT_ACCEPTED
+
+
+def way_back(recruitment: Recruitment, outcome: Outcome, ids: Mapping[str, str]) -> WayBack | None:
+    """The code and the way back after this outcome, for the person of these ids; None if none."""
+    code = recruitment.codes.get(outcome)
+    url = recruitment.return_urls.get(outcome)
+    if outcome == "withdrawn":
+        # Both say that no finished session is to be expected.
+        code = code or recruitment.codes.get("declined")
+        url = url or recruitment.return_urls.get("declined")
+    fields: dict[str, str] = {}
+    match recruitment.platform:
+        case "prolific" if code is not None:
+            url = f"https://app.prolific.com/submissions/complete?cc={quote(code, safe='')}"
+        case "connect" if outcome == "completed" and url is None:
+            project = ids.get("projectId", "")
+            if _PLAIN_ID.fullmatch(project):
+                url = f"https://connect.cloudresearch.com/participant/project/{project}/complete"
+        case "sona" if outcome == "completed" and url is not None:
+            url = _with_survey_code(url, ids.get(recruitment.parameter))
+        case "mturk" if outcome == "completed":
+            url = _submit_address(ids.get("turkSubmitTo", ""))
+            assignment = ids.get("assignmentId", "")
+            if _PLAIN_ID.fullmatch(assignment) and url is not None:
+                # Besides the assignment at least one more field is expected.
+                fields = {"assignmentId": assignment, "code": code or "completed"}
+            else:
+                url = None
+    return None if code is None and url is None else WayBack(code, url, fields)
+
+
+def disagreements(plan: Mapping[str, object]) -> Iterator[Inconsistency]:
+    """What does not agree within the plan's `recruitment`, given as plain data."""
+    said = as_mapping(plan.get("recruitment"))
+    platform = said.get("platform", NO_PLATFORM)
+    place = ("recruitment",)
+    if platform == "prolific" and "completed" not in as_mapping(said.get("codes")):
+        message = "expected a code for completed: Prolific's way back is made of it"
+        yield Inconsistency((*place, "codes"), message)
+    if platform == "sona" and "completed" not in as_mapping(said.get("return_urls")):
+        message = "expected an address for completed: SONA's client-side completion URL"
+        yield Inconsistency((*place, "return_urls"), message)
+    if platform in ("prolific", "mturk") and as_mapping(said.get("return_urls")):
+        message = f"expected none for platform {platform}, which makes its own"
+        yield Inconsistency((*place, "return_urls"), message)
+    default = Recruitment.model_fields["parameter"].default
+    if platform != "sona" and said.get("parameter", default) != default:
+        message = f"expected it for platform sona alone, got platform {platform}"
+        yield Inconsistency((*place, "parameter"), message)
+
+
+def _with_survey_code(url: str, survey_code: str | None) -> str | None:
+    """SONA's address with this person's code; without one it would grant credit to nobody."""
+    if survey_code is None or not _PLAIN_ID.fullmatch(survey_code):
+        return None
+    parts = urlsplit(url)
+    others = [pair for pair in parse_qsl(parts.query) if pair[0] != "survey_code"]
+    return urlunsplit(parts._replace(query=urlencode([*others, ("survey_code", survey_code)])))
+
+
+def _submit_address(turk_submit_to: str) -> str | None:
+    """Where Mechanical Turk takes the result, if the link names one of its own hosts."""
+    try:
+        parts = urlsplit(turk_submit_to)
+        is_its_own = parts.scheme == "https" and parts.netloc in MTURK_HOSTS
+    except ValueError:
+        return None
+    return f"https://{parts.netloc}/mturk/externalSubmit" if is_its_own else None

@@ -1,0 +1,60 @@
+"""When something of ours fails, an evaluator gets a page that says so, and the way back."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Coroutine
+from typing import Any
+
+from fastapi import Request
+from fastapi.exceptions import RequestValidationError
+from fastapi.responses import Response
+from fastapi.routing import APIRoute
+from starlette.concurrency import run_in_threadpool
+from starlette.exceptions import HTTPException
+
+from app.services import failures
+from app.services.errors import ServiceError
+from app.study.protocol import ProtocolError
+
+from .security import session_cookie, studio_of
+from .session_pages import render
+
+log = logging.getLogger(__name__)
+
+#: What is refused on purpose has a page of its own.
+_ON_PURPOSE = (ServiceError, ProtocolError, HTTPException, RequestValidationError)
+
+Handler = Callable[[Request], Coroutine[Any, Any, Response]]
+
+
+class FailingKindly(APIRoute):
+    """A route of `/s/{slug}` whose failures end in a page."""
+
+    def get_route_handler(self) -> Handler:
+        handle = super().get_route_handler()
+
+        async def handle_kindly(request: Request) -> Response:
+            try:
+                return await handle(request)
+            except _ON_PURPOSE:
+                raise
+            except Exception:
+                slug = request.path_params["slug"]
+                log.exception("a page of the study %r failed", slug)
+                return await run_in_threadpool(_failed, request, slug)
+
+        return handle_kindly
+
+
+def _failed(request: Request, slug: str) -> Response:
+    token = request.cookies.get(session_cookie(slug))
+    way_back = failures.after_a_failure(studio_of(request), slug, token)
+    return render(
+        request,
+        slug,
+        "participant/failed.html",
+        "Something failed",
+        status=500,
+        way_back=way_back,
+    )

@@ -1,0 +1,42 @@
+"""What Mechanical Turk shows in its frame: a look at the task, and the door to it.
+
+The study itself opens in a window of its own: the cookie that holds a session does not reach a
+frame of another site, and two videos need the room. The result is sent from there.
+"""
+
+from __future__ import annotations
+
+from fastapi import Request
+from fastapi.responses import Response
+
+from app.services import admission, studies
+from app.services.studio import Studio
+from app.study.recruitment import MTURK_FRAMES, is_mturk_preview
+
+from .security import POLICY, content_security_policy
+from .session_pages import render
+
+
+def outside_the_study(request: Request, slug: str, studio: Studio) -> Response | None:
+    """The page for Mechanical Turk's frame; None for whoever is in a window of our own."""
+    given = request.query_params
+    in_frame = request.headers.get("sec-fetch-dest") == "iframe"
+    if "assignmentId" not in given and not in_frame:
+        return None
+    recruitment = studies.find(studio, slug).plan.recruitment
+    is_preview = is_mturk_preview(recruitment, given)
+    if recruitment.platform != "mturk" or not (is_preview or in_frame):
+        return None
+    entrance = admission.entrance(studio, slug)
+    response = render(
+        request,
+        slug,
+        "participant/mturk.html",
+        entrance.title,
+        study_title=entrance.title,
+        language=entrance.language,
+        html=entrance.consent["html"],
+        is_preview=is_preview,
+    )
+    response.headers[POLICY] = content_security_policy(frame_ancestors=MTURK_FRAMES)
+    return response

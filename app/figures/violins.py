@@ -15,6 +15,8 @@ from app.figures.tables import Row, Table, distinct, inline, require, where
 
 #: Widest half of a violin, where neighbours stand 1 apart.
 HALF_WIDTH: Final = 0.4
+#: Narrowest half, so that the thin neck to a lone value is still seen.
+THINNEST: Final = 0.012
 POINTS: Final = 60  # heights at which a violin's outline is drawn
 #: Narrowest kernel, as a share of what the panel spans: values that are all alike still show.
 NARROWEST: Final = 0.01
@@ -60,7 +62,7 @@ def outline(values: Sequence[float], bandwidth_floor: float) -> list[tuple[float
         low, high = low - bandwidth_floor / 2, high + bandwidth_floor / 2
     heights = np.linspace(low, high, POINTS)
     density = np.exp(-0.5 * ((heights[:, None] - sample) / bandwidth) ** 2).sum(axis=1)
-    widths = HALF_WIDTH * density / density.max()
+    widths = np.maximum(HALF_WIDTH * density / density.max(), THINNEST)
     return [(float(h), float(w)) for h, w in zip(heights, widths, strict=True)]
 
 

@@ -15,7 +15,7 @@ from app.pbbo import METHODS, SCORE_METHODS
 
 from .people import PEOPLE
 
-EvaluatorKind = Literal["certain", "uncertain", "person", "score"]
+EvaluatorKind = Literal["certain", "uncertain", "demanding", "person", "score"]
 
 ENVIRONMENTS: Final = ("env1", "env2")
 
@@ -124,6 +124,8 @@ EXPERIMENTS: Final[tuple[Experiment, ...]] = (
         trials=50,
         steps=80,
     ),
+    # Not in the paper: when its evaluators skip is not stated, so this shows how much hangs on it.
+    Experiment("demanding", "demanding", {"pbpo": (13,)}, trials=50, steps=80),
     Experiment(
         "people",
         "person",

@@ -28,7 +28,7 @@ from .experiments import (
 from .plates import ABLATED, SIMULATED, plates
 from .readings import CAPTIONS, READINGS
 from .results import Results
-from .setup import setup, summary
+from .setup import of_demanding, setup, summary
 from .store import write_whole
 
 _CLAIMS: Final[Mapping[int, Callable[[Results], Iterator[Claim]]]] = MappingProxyType(
@@ -166,6 +166,8 @@ def _beside(results: Results, figure: int) -> Iterator[str]:
     if figure in (11, 13):
         experiment = "certain" if figure == 11 else "uncertain"
         yield from summary(results, experiment, SIMULATED, VIOLIN_QUERIES)
+    if figure == 13:
+        yield from of_demanding(results, VIOLIN_QUERIES)
     if figure == 17:
         yield from summary(results, "people", ABLATED, PEOPLE_QUERIES)
     if figure == 18:

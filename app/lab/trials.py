@@ -65,6 +65,8 @@ def evaluator_for(task: Task, world: World) -> Evaluator:
         return Certain(skip_below=world.mean)
     if task.evaluator == "uncertain":
         return Uncertain(rng, skip_below=world.mean)
+    if task.evaluator == "demanding":
+        return Uncertain(rng, skip_below=world.mean + world.deviation)
     traits = PEOPLE[int(task.evaluator.removeprefix("person-")) - 1]
     reason: SkipReason = "equal" if task.method == "pbpo-no-synthesis" else "undesirable"
     return Person(traits, reason, world.mean, world.deviation, rng)

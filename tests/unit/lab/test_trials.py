@@ -56,6 +56,14 @@ def test_counts_of_answers_skips_and_preferences_add_up(world: World) -> None:
     assert last.preferences_synthesis == 2 * last.skips
 
 
+def test_a_demanding_evaluator_skips_what_lies_below_one_deviation_above_the_mean(
+    world: World,
+) -> None:
+    for step in run_trial(replace(TASK, evaluator="demanding"), world):
+        bad = max(step.left_score, step.right_score or 0.0) < world.mean + world.deviation
+        assert (step.response == "skip") == bad
+
+
 @pytest.mark.parametrize("method", ["pbpo-no-skip", "knockout"])
 def test_methods_without_a_skip_are_never_skipped(world: World, method: str) -> None:
     steps = run_trial(replace(TASK, method=method), world)

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from alembic import context
 
-from app.storage import accounts, tables
+from app.storage import accounts, arrivals, tables
 from app.storage.database import Database
 
-assert accounts.Account.metadata is tables.Base.metadata  # both modules fill the same metadata
+# All three modules fill the same metadata.
+assert accounts.Account.metadata is arrivals.Reentry.metadata is tables.Base.metadata
 
 
 def run() -> None:

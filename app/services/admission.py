@@ -11,13 +11,13 @@ import numpy as np
 from sqlalchemy import or_, select
 from sqlalchemy.orm import Session
 
-from app.storage.tables import Identity, Participant, SessionRow
+from app.storage.tables import Participant, SessionRow, Study
 from app.study import assignment
 from app.study import recruitment as rules
 from app.study.plan import Plan
 from app.study.protocol import Progress, Stage
 
-from . import failures, studies
+from . import failures, returning, studies
 from . import state as session_state
 from .errors import ForbiddenError, StudyNotOpenError
 from .state import State
@@ -71,28 +71,43 @@ def start(
     language: str | None = None,
     by_experimenter: bool = False,
 ) -> tuple[str, State]:
-    """Begin a session: its token, shown this once, and its state."""
+    """Begin a session, or take somebody back into theirs: a token, shown this once, and its state.
+
+    Raises AlreadyTakenPartError where the study does not let a person in twice.
+    """
     if mode == SIMULATED and not by_experimenter:
         raise ForbiddenError("only an experimenter may start a simulated session")
     token = new_secret()
     seed = studio.seed()
     with studio.database.write() as session:
+        # One arrival at a time: the same person in two windows is seen to be the same.
+        session.execute(select(Study.id).where(Study.slug == slug).with_for_update())
         study = studies.read(session, slug)
+        ids = _ids(study.plan, external_ids or {})
+        earlier = returning.earlier_session(session, study, mode, ids)
+        if earlier is not None:
+            returning.refuse_if_blocked(session, study.plan, earlier)
+            if returning.may_go_on(studio, study.plan, earlier):
+                returning.take_back(studio, session, earlier, token, ids)
+                session.flush()
+                return token, session_state.describe(studio, session, earlier)
         _require_open(study.status, slug, mode, by_experimenter=by_experimenter)
         now = studio.now()
-        participant = Participant(study_id=study.id, pseudonym=new_pseudonym("P"), created_at=now)
-        session.add(participant)
-        session.flush()
-        for key, value in _ids(study.plan, external_ids or {}).items():
-            session.add(
-                Identity(participant_id=participant.id, key=key, value=value, created_at=now)
+        participant_id = earlier.participant_id if earlier is not None else None
+        if participant_id is None:
+            participant = Participant(
+                study_id=study.id, pseudonym=new_pseudonym("P"), created_at=now
             )
+            session.add(participant)
+            session.flush()
+            participant_id = participant.id
+        returning.write_ids(studio, session, participant_id, ids)
         order_index, conditions = _assign(session, study, mode, seed, now)
         row = SessionRow(
             public_id=new_pseudonym("S"),
             study_id=study.id,
             plan_id=study.plan_id,
-            participant_id=participant.id,
+            participant_id=participant_id,
             token_hash=secret_hash(token),
             receipt_hash=receipt_hash(receipt_code(token)),
             mode=mode,

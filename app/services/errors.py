@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 
 class ServiceError(Exception):
     """A refusal that its caller can do something about; the message says what was expected."""
@@ -29,6 +31,15 @@ class StudyNotOpenError(ServiceError):
 
 class ConflictError(ServiceError):
     """It cannot be done in the state that things are in."""
+
+
+class AlreadyTakenPartError(ConflictError):
+    """The study takes each person once. `way_back` is that of the session the person has had."""
+
+    def __init__(self, message: str, *, is_over: bool, way_back: dict[str, Any] | None) -> None:
+        super().__init__(message)
+        self.is_over = is_over
+        self.way_back = way_back
 
 
 class ResponseRefusedError(ConflictError):

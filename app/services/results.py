@@ -9,13 +9,13 @@ from datetime import datetime
 
 from sqlalchemy import case, func, select
 
+from app.storage.arrivals import Tombstone
 from app.storage.tables import (
     Participant,
     QueryRow,
     Response,
     SessionRow,
     Study,
-    Tombstone,
     Trial,
 )
 from app.study.protocol import Stage, position

@@ -5,6 +5,7 @@ from __future__ import annotations
 from sqlalchemy import select
 from sqlalchemy.orm import Session, joinedload, selectinload
 
+from app.storage.arrivals import Reentry
 from app.storage.tables import SessionRow
 from app.study import protocol
 
@@ -24,18 +25,18 @@ def find(
     even_expired: bool = False,
 ) -> SessionRow:
     """The session of this token. Raises SignInRequiredError, or SessionExpiredError."""
-    statement = (
-        select(SessionRow)
-        .where(SessionRow.token_hash == secret_hash(token))
-        .options(
-            selectinload(SessionRow.trials),
-            joinedload(SessionRow.plan),
-            joinedload(SessionRow.study),
-        )
+    hashed = secret_hash(token)
+    statement = select(SessionRow).options(
+        selectinload(SessionRow.trials),
+        joinedload(SessionRow.plan),
+        joinedload(SessionRow.study),
     )
     if to_write:
         statement = statement.with_for_update(of=SessionRow)
-    row = session.scalar(statement)
+    row = session.scalar(statement.where(SessionRow.token_hash == hashed))
+    if row is None:
+        came_back = select(Reentry.session_id).where(Reentry.token_hash == hashed)
+        row = session.scalar(statement.where(SessionRow.id.in_(came_back)))
     if row is None:
         raise SignInRequiredError("expected the token of a session, got one that nobody was given")
     open_still = row.stage not in session_state.ENDED

@@ -9,10 +9,11 @@ from __future__ import annotations
 
 from datetime import datetime
 
-from sqlalchemy import delete, select
+from sqlalchemy import delete, or_, select
 from sqlalchemy.orm import Session, selectinload
 
-from app.storage.tables import Identity, Participant, SessionRow, Study, Tombstone
+from app.storage.arrivals import Reentry, Tombstone
+from app.storage.tables import Identity, Participant, SessionRow, Study
 from app.study import protocol
 from app.study.protocol import Stage
 
@@ -58,10 +59,15 @@ def delete_by_receipt(studio: Studio, slug: str, receipt: str) -> None:
     nothing has to be kept of those who try.
     """
     with studio.database.write() as session:
+        hashed = receipt_hash(receipt)
+        came_back = select(Reentry.session_id).where(Reentry.receipt_hash == hashed)
         participant_id = session.scalar(
             select(SessionRow.participant_id)
             .join(Study, SessionRow.study_id == Study.id)
-            .where(Study.slug == slug, SessionRow.receipt_hash == receipt_hash(receipt))
+            .where(
+                Study.slug == slug,
+                or_(SessionRow.receipt_hash == hashed, SessionRow.id.in_(came_back)),
+            )
         )
         if participant_id is None:
             raise NotFoundError("expected a receipt code of this study, and nothing is kept for it")

@@ -372,28 +372,3 @@ class QuestionnaireAnswer(Base):
     item: Mapped[str] = mapped_column(String(60))
     value: Mapped[str | None] = mapped_column(Text)
     answered_at: Mapped[datetime]
-
-
-class EntryLink(Base):
-    """A link of the study's own that lets one person in once."""
-
-    __tablename__ = "entry_links"
-
-    id: Mapped[int] = mapped_column(primary_key=True)
-    study_id: Mapped[int] = mapped_column(ForeignKey("studies.id", ondelete="CASCADE"), index=True)
-    token_hash: Mapped[str] = mapped_column(String(64), unique=True)
-    label: Mapped[str] = mapped_column(String(100))
-    created_at: Mapped[datetime]
-    used_at: Mapped[datetime | None]
-
-
-class Tombstone(Base):
-    """That a session was deleted at its person's wish: for the count, nothing of the person."""
-
-    __tablename__ = "tombstones"
-
-    id: Mapped[int] = mapped_column(primary_key=True)
-    study_id: Mapped[int] = mapped_column(ForeignKey("studies.id", ondelete="CASCADE"), index=True)
-    mode: Mapped[str] = mapped_column(String(10))
-    stage: Mapped[str] = mapped_column(String(16))
-    deleted_at: Mapped[datetime]

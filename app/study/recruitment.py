@@ -79,6 +79,9 @@ class Recruitment(Part):
         description="a mapping of completed, screened_out, declined, withdrawn or technical to"
         " an address that begins with https://",
     )
+    returning: Literal["resume", "block", "again"] = Field(
+        default="resume", description="resume, block or again"
+    )
 
     @property
     def parameters(self) -> tuple[str, ...]:
@@ -111,6 +114,14 @@ def kept(recruitment: Recruitment, given: Mapping[str, str]) -> dict[str, str]:
     if "turkSubmitTo" in known and _submit_address(known["turkSubmitTo"]) is None:
         del known["turkSubmitTo"]
     return known
+
+
+def person(recruitment: Recruitment, ids: Mapping[str, str]) -> tuple[str, str] | None:
+    """The parameter that names the person, and the name; None where nobody can be recognised."""
+    if recruitment.platform == NO_PLATFORM:
+        return None
+    key = PLATFORMS[recruitment.platform].person or recruitment.parameter
+    return (key, ids[key]) if ids.get(key) else None
 
 
 def is_mturk_preview(recruitment: Recruitment, given: Mapping[str, str]) -> bool:

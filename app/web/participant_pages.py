@@ -7,8 +7,9 @@ from typing import Annotated
 from fastapi import APIRouter, Form, Request
 from fastapi.responses import Response
 
-from app.services import admission, participation, recruitment, studies, withdrawal
+from app.services import admission, participation, recruitment, returning, studies, withdrawal
 from app.services.errors import (
+    AlreadyTakenPartError,
     SessionExpiredError,
     SignInRequiredError,
     StudyNotOpenError,
@@ -44,13 +45,15 @@ def enter(slug: str, request: Request, studio: StudioDep) -> Response:
     if outside is not None:
         return outside
     try:
+        if _is_of_another(request, slug, studio):
+            return _arrival(request, slug, studio)
         state = participation.current(studio, token_of(request, slug))
     except SessionExpiredError:
         response = render(request, slug, "participant/expired.html", "The session has expired")
         response.delete_cookie(session_cookie(slug))
         return response
     except SignInRequiredError:
-        return _entrance(request, slug, studio)
+        return _arrival(request, slug, studio)
     return _stage_page(request, slug, state)
 
 
@@ -60,16 +63,15 @@ def consent(
 ) -> Response:
     """Agree. Only now is anything kept of a newcomer."""
     token = request.cookies.get(session_cookie(slug))
-    if token is None or not is_known(studio, token):
+    if token is None or not is_known(studio, token) or _is_of_another(request, slug, studio):
         entrance = admission.entrance(studio, slug)
         if version != entrance.consent["version"]:
             return to_stage(slug)
-        token, _ = admission.start(
-            studio,
-            slug,
-            external_ids=recruitment.ids_in_link(studio, slug, request.query_params),
-            language=entrance.language,
-        )
+        ids = recruitment.ids_in_link(studio, slug, request.query_params)
+        try:
+            token, _ = admission.start(studio, slug, external_ids=ids, language=entrance.language)
+        except AlreadyTakenPartError as error:
+            return _taken_part(request, slug, studio, error)
     response = do(slug, lambda: participation.consent(studio, token, version))
     set_cookie(response, studio, session_cookie(slug), token, max_age=SESSION_COOKIE_SECONDS)
     return response
@@ -95,6 +97,49 @@ def decline(slug: str, request: Request, studio: StudioDep) -> Response:
 @router.post("/continue")
 def go_on(slug: str, request: Request, studio: StudioDep) -> Response:
     return do(slug, lambda: participation.go_on(studio, token_of(request, slug)))
+
+
+def _arrival(request: Request, slug: str, studio: Studio) -> Response:
+    """Somebody without a session in this browser: taken back into theirs, or a newcomer."""
+    if request.query_params:
+        ids = recruitment.ids_in_link(studio, slug, request.query_params)
+        try:
+            token = returning.come_back(studio, slug, ids)
+        except AlreadyTakenPartError as error:
+            return _taken_part(request, slug, studio, error)
+        if token is not None:
+            response = to_stage(slug)
+            set_cookie(
+                response, studio, session_cookie(slug), token, max_age=SESSION_COOKIE_SECONDS
+            )
+            return response
+    return _entrance(request, slug, studio)
+
+
+def _is_of_another(request: Request, slug: str, studio: Studio) -> bool:
+    """Whether the browser's session is of another person than the link names."""
+    token = request.cookies.get(session_cookie(slug))
+    if token is None or not request.query_params:
+        return False
+    ids = recruitment.ids_in_link(studio, slug, request.query_params)
+    return returning.is_somebody_else(studio, token, ids)
+
+
+def _taken_part(
+    request: Request, slug: str, studio: Studio, error: AlreadyTakenPartError
+) -> Response:
+    plan = studies.find(studio, slug).plan
+    return render(
+        request,
+        slug,
+        "participant/taken_part.html",
+        "You have taken part already",
+        status=409,
+        study_title=plan.text(plan.title, plan.default_language),
+        contact=plan.contact,
+        is_over=error.is_over,
+        way_back=error.way_back,
+    )
 
 
 def _entrance(request: Request, slug: str, studio: Studio) -> Response:

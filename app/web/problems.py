@@ -40,6 +40,7 @@ KINDS: tuple[tuple[type[Exception], Kind], ...] = (
     (errors.StudyNotOpenError, Kind(409, "study-not-open", "The study is not open")),
     (errors.SetAsideError, Kind(409, "set-aside", "Another query took its place")),
     (errors.NothingToShowError, Kind(409, "nothing-to-show", "No video can be shown")),
+    (errors.AlreadyTakenPartError, Kind(409, "already-taken-part", "Taken part already")),
     (errors.AlreadyAnsweredError, Kind(409, "already-answered", "Already answered")),
     (errors.SkipNotOfferedError, Kind(409, "skip-not-offered", "No skip here")),
     (errors.ConflictError, Kind(409, "conflict", "Not possible now")),

@@ -309,6 +309,26 @@ def upgrade() -> None:
         ),
     )
     op.create_table(
+        "reentries",
+        sa.Column("id", sa.Integer(), nullable=False),
+        sa.Column("session_id", sa.Integer(), nullable=False),
+        sa.Column("token_hash", sa.String(length=64), nullable=False),
+        sa.Column("receipt_hash", sa.String(length=64), nullable=False),
+        sa.Column("created_at", sa.DateTime(timezone=True), nullable=False),
+        sa.ForeignKeyConstraint(
+            ["session_id"],
+            ["sessions.id"],
+            name=op.f("fk_reentries_session_id_sessions"),
+            ondelete="CASCADE",
+        ),
+        sa.PrimaryKeyConstraint("id", name=op.f("pk_reentries")),
+        sa.UniqueConstraint("receipt_hash", name=op.f("uq_reentries_receipt_hash")),
+        sa.UniqueConstraint("token_hash", name=op.f("uq_reentries_token_hash")),
+    )
+    with op.batch_alter_table("reentries", schema=None) as batch_op:
+        batch_op.create_index(batch_op.f("ix_reentries_session_id"), ["session_id"], unique=False)
+
+    op.create_table(
         "trials",
         sa.Column("id", sa.Integer(), nullable=False),
         sa.Column("session_id", sa.Integer(), nullable=False),
@@ -476,6 +496,10 @@ def downgrade() -> None:
     op.drop_table("preferences")
     op.drop_table("acquired")
     op.drop_table("trials")
+    with op.batch_alter_table("reentries", schema=None) as batch_op:
+        batch_op.drop_index(batch_op.f("ix_reentries_session_id"))
+
+    op.drop_table("reentries")
     op.drop_table("questionnaire_answers")
     with op.batch_alter_table("events", schema=None) as batch_op:
         batch_op.drop_index("ix_events_session_id")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import pytest
 from fastapi import FastAPI
@@ -14,6 +14,9 @@ from app.services.studio import Studio
 from tests.conftest import SHORT_PLAN, StudyShelf
 
 from .client import Api
+
+#: Opens the short study with further lines in its plan.
+Recruit = Callable[[str], StudyInfo]
 
 EMAIL = "ada@lab.example"
 PASSWORD = "correct horse battery"
@@ -47,3 +50,14 @@ def learning_study(studio: Studio, study_shelf: StudyShelf) -> StudyInfo:
     """An open study in which the model chooses queries after two answers."""
     study_shelf.put_into(studio, LEARNING_PLAN)
     return studies.find(studio, "short")
+
+
+@pytest.fixture
+def recruit(studio: Studio, study_shelf: StudyShelf) -> Recruit:
+    """Opens the short study with these further lines in its plan."""
+
+    def opened(said: str) -> StudyInfo:
+        study_shelf.put_into(studio, SHORT_PLAN + said)
+        return studies.find(studio, "short")
+
+    return opened

@@ -4,21 +4,20 @@ from __future__ import annotations
 
 import html
 import re
-from collections.abc import Callable
 from typing import Any
 
 import pytest
 from sqlalchemy import text
 from sqlalchemy.exc import OperationalError
 
-from app.services import accounts, participation, recruitment, studies
+from app.services import accounts, participation, recruitment
 from app.services.studies import StudyInfo
 from app.services.studio import Studio
 from app.study.protocol import FINAL_STAGES
-from tests.conftest import SHORT_PLAN, Clock, StudyShelf
+from tests.conftest import Clock
 
 from .client import Api
-from .conftest import EMAIL, PASSWORD
+from .conftest import EMAIL, PASSWORD, Recruit
 from .test_participant_pages import COOKIE, agree, heading, in_browser
 
 PROLIFIC = """
@@ -37,19 +36,6 @@ MTURK = "\nrecruitment: {platform: mturk, codes: {completed: COMPLETE1}}\n"
 LINK = "?PROLIFIC_PID=5f0c&STUDY_ID=77&SESSION_ID=sx&utm_source=mail"
 BACK_TO_PROLIFIC = "https://app.prolific.com/submissions/complete?cc="
 TURK = "workerId=W1&hitId=H1&turkSubmitTo=https%3A%2F%2Fworkersandbox.mturk.com"
-
-Recruit = Callable[[str], StudyInfo]
-
-
-@pytest.fixture
-def recruit(studio: Studio, study_shelf: StudyShelf) -> Recruit:
-    """Opens the short study with this `recruitment`."""
-
-    def opened(said: str) -> StudyInfo:
-        study_shelf.put_into(studio, SHORT_PLAN + said)
-        return studies.find(studio, "short")
-
-    return opened
 
 
 def token_for(studio: Studio) -> str:

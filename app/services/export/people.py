@@ -7,12 +7,12 @@ from collections.abc import Iterator
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
+from app.storage.arrivals import Tombstone
 from app.storage.tables import (
     Identity,
     Participant,
     PlanVersion,
     SessionRow,
-    Tombstone,
     Trial,
 )
 from app.study.plan import Plan

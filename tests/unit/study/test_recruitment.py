@@ -210,16 +210,17 @@ def test_recruitment_that_agrees_has_no_fault(
         (
             "recruitment: {codes: {finished: C1}}",
             (
-                "recruitment.codes.finished: expected a mapping of completed, screened_out, declined,"
-                " withdrawn or technical to a code of up to 60 letters, digits, - and _,"
+                "recruitment.codes.finished: expected a mapping of completed, screened_out,"
+                " declined, withdrawn or technical to a code of up to 60 letters, digits, - and _,"
                 " got the name 'finished'"
             ),
         ),
         (
             "recruitment: {codes: {completed: 'a b'}}",
             (
-                "recruitment.codes.completed: expected a mapping of completed, screened_out, declined,"
-                " withdrawn or technical to a code of up to 60 letters, digits, - and _, got 'a b'"
+                "recruitment.codes.completed: expected a mapping of completed, screened_out,"
+                " declined, withdrawn or technical to a code of up to 60 letters, digits, - and _,"
+                " got 'a b'"
             ),
         ),
         (

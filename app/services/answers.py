@@ -120,6 +120,7 @@ def report_fault(studio: Studio, token: str, report: FaultReport) -> State:
         query.set_aside_at = now
         query.fault = report.reason
         queries.store_events(session, row, query, report.happenings)
+        queries.close_events(session, row, query, "set_aside")
         session.add(trials.query_row(following, now, trial_id=query.trial_id, attempt=len(tried)))
         row.last_seen_at = now
         session.flush()

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from sqlalchemy import select
+from sqlalchemy import func, select
 from sqlalchemy.orm import Session, contains_eager, joinedload
 
 from app.storage.tables import Event, QueryRow, Response, SessionRow, Trial
@@ -90,6 +90,18 @@ def store_events(
         )
         for happening in happenings
     )
+
+
+def close_events(session: Session, row: SessionRow, query: QueryRow, why: str) -> None:
+    """Mark that what was seen so far at this place is not part of the answer that stays."""
+    last = session.scalar(
+        select(func.max(Event.time_ms)).where(
+            Event.session_id == row.id,
+            Event.trial_index == query.trial.trial_index,
+            Event.query_index == query.query_index,
+        )
+    )
+    store_events(session, row, query, [Happening(why, None, last or 0.0, None)])
 
 
 _SHOWN = (

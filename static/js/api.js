@@ -12,6 +12,7 @@
  * @typedef {"left" | "right" | "skip"} Response
  * @typedef {{event: string, side: string | null, time_ms: number, value: number | string | null}} Evidence
  * @typedef {{query_id: string, response: Response, rt_ms: number, replays: number, events: Evidence[]}} Answer
+ * @typedef {{query_id: string, reason: string, events: Evidence[]}} Fault
  */
 
 /** A request that takes longer than this is taken for a broken line, and tried again. */
@@ -55,6 +56,15 @@ export class SessionApi {
    */
   respond(answer) {
     return this.#call("POST", "/session/responses", answer);
+  }
+
+  /**
+   * A video of this query did not play: another query takes its place.
+   * @param {Fault} fault
+   * @returns {Promise<State>}
+   */
+  reportFault(fault) {
+    return this.#call("POST", "/session/faults", fault);
   }
 
   /**

@@ -55,19 +55,39 @@ export class EvidenceLog {
    * @returns {import("./api.js").Answer}
    */
   answer(queryId, response, pressedAt, pair) {
+    return {
+      query_id: queryId,
+      response,
+      rt_ms: Math.max(0, Math.round(pressedAt - this.#playingAt)),
+      replays: this.replays,
+      events: this.#close(pair),
+    };
+  }
+
+  /**
+   * The record as it stands when a video is said not to play.
+   * @param {string} queryId
+   * @param {string} how it was noticed
+   * @param {import("./pair.js").Pair} pair
+   * @returns {import("./api.js").Fault}
+   */
+  fault(queryId, how, pair) {
+    const seen = pair.clips.map(({ side, state }) => `${side}: ${state}`);
+    return { query_id: queryId, reason: [how, ...seen].join("; "), events: this.#close(pair) };
+  }
+
+  /**
+   * @param {import("./pair.js").Pair} pair
+   * @returns {import("./api.js").Evidence[]} all of it, with what can only be told in the end
+   */
+  #close(pair) {
     for (const { side, video } of pair.clips) {
       this.add("watched", side, Math.round(watchedFraction(video) * 1000) / 1000);
       this.add("width", side, Math.round(video.clientWidth));
       this.add("dropped_frames", side, video.getVideoPlaybackQuality?.().droppedVideoFrames ?? null);
     }
     this.add("worst_drift", null, Math.round(pair.worstDrift));
-    return {
-      query_id: queryId,
-      response,
-      rt_ms: Math.max(0, Math.round(pressedAt - this.#playingAt)),
-      replays: this.replays,
-      events: this.#events,
-    };
+    return this.#events;
   }
 }
 

@@ -5,6 +5,7 @@
  *   onFirstPlaying: (at: number) => void,
  *   onNeedsPress: () => void,
  *   onNoPressNeeded: () => void,
+ *   onMissing: (side: string) => void,
  *   onEvent: (event: string, side: string | null, value?: number | null) => void,
  * }} PairListener
  */
@@ -53,7 +54,12 @@ export class Pair {
     const clipListener = {
       onReady: () => this.#ready(),
       onStalled: () => this.#hold("held"),
-      onFailed: () => this.#hold("loading"),
+      onFailed: (clip) => {
+        this.#hold("loading");
+        if (preloader.isMissing(clip.url)) {
+          listener.onMissing(clip.side);
+        }
+      },
       onHesitating: () => this.#needPress(),
       onEvent: (event, clip) => listener.onEvent(event, clip.side),
     };
@@ -65,6 +71,11 @@ export class Pair {
     }
     setInterval(() => this.#keepTogether(), COMPARE_MS);
     document.addEventListener("visibilitychange", () => this.#comeBack());
+  }
+
+  /** Whether both have begun to play. */
+  get hasPlayed() {
+    return this.#hasPlayed;
   }
 
   get clips() {

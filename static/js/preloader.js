@@ -19,6 +19,8 @@ export class Preloader {
   /** @type {string[]} */
   #queue = [];
   #running = 0;
+  /** @type {Set<string>} */
+  #missing = new Set();
 
   /**
    * Fetch these, in this order, after what is already under way.
@@ -75,6 +77,14 @@ export class Preloader {
   }
 
   /**
+   * Whether the server said, when last asked, that it does not have this video.
+   * @param {string} url
+   */
+  isMissing(url) {
+    return this.#missing.has(url);
+  }
+
+  /**
    * Fetch a video that would not play afresh, past every cache.
    * @param {string} url
    * @returns {Promise<string | null>} null if that failed too
@@ -112,7 +122,13 @@ export class Preloader {
     const entry = {
       blobUrl: null,
       stop,
-      loading: fetchedBlob(url, cache, stop).then((blob) => {
+      loading: fetchedBlob(url, cache, stop).then((answer) => {
+        const blob = answer instanceof Blob ? answer : null;
+        if (answer === "missing") {
+          this.#missing.add(url);
+        } else {
+          this.#missing.delete(url);
+        }
         if (this.#entries.get(url) !== entry) {
           return null; // let go of while it was on its way
         }
@@ -133,12 +149,15 @@ export class Preloader {
  * @param {string} url
  * @param {RequestCache} cache
  * @param {AbortController} stop
- * @returns {Promise<Blob | null>}
+ * @returns {Promise<Blob | "missing" | null>}
  */
 async function fetchedBlob(url, cache, stop) {
   const timer = setTimeout(() => stop.abort(), TIMEOUT_MS);
   try {
     const response = await fetch(url, { cache, credentials: "same-origin", signal: stop.signal });
+    if (response.status === 404) {
+      return "missing";
+    }
     return response.ok ? await response.blob() : null;
   } catch {
     return null;

@@ -18,6 +18,12 @@ const GUARD_MS = 250;
 /** Seconds after both videos play at which the server is asked what to preload; it is still working it out. */
 const ASK_AHEAD_S = [1, 2, 4, 8];
 
+/** Pairs in a row that may be replaced because a video is missing: if nothing is there, nobody must be led in circles. */
+const MOST_MISSING = 3;
+
+/** How long, once the new pair plays, the page still says that it took another's place. */
+const SAY_REPLACED_S = 4;
+
 /** If a pair takes longer than this to play, the page says which one it is all the same. */
 const SAY_ANYWAY_MS = 1500;
 
@@ -30,6 +36,7 @@ const start = byId("start");
 const notice = byId("notice");
 const noticeAction = byId("notice-action");
 const stage = byId("pair");
+const faultButton = byId("fault");
 
 let state = stateOfPage();
 /** @type {import("./api.js").Query} */
@@ -38,10 +45,12 @@ let query = /** @type {import("./api.js").Query} */ (state.query);
 let turn = 0;
 let shownAt = 0;
 let sending = false;
+let missing = 0;
 
 const pair = new Pair(within(stage, '.player[data-side="left"]'), within(stage, '.player[data-side="right"]'), preloader, {
   onFirstPlaying(at) {
     evidence.bothPlaying(at);
+    missing = 0;
     const mine = turn;
     setTimeout(() => mine === turn && open(), Math.max(0, shownAt + GUARD_MS - performance.now()));
     lookAhead(mine);
@@ -53,6 +62,12 @@ const pair = new Pair(within(stage, '.player[data-side="left"]'), within(stage, 
   },
   onNoPressNeeded() {
     start.hidden = true;
+  },
+  onMissing(side) {
+    missing += 1;
+    if (missing <= MOST_MISSING) {
+      setAside(`the ${side} video is missing`);
+    }
   },
   onEvent: (event, side, value) => evidence.add(event, side, value ?? null),
 });
@@ -70,6 +85,7 @@ function show() {
   sending = false;
   start.hidden = true;
   notice.hidden = true;
+  faultButton.setAttribute("aria-disabled", "false");
   buttons.reset(query.skip);
   evidence.begin();
   preloader.settle([query.left.url, query.right.url]);
@@ -125,6 +141,7 @@ function respond(response, event) {
 /** @param {import("./api.js").Answer} answer */
 async function send(answer) {
   sending = true;
+  faultButton.setAttribute("aria-disabled", "true");
   buttons.confirm(answer.response);
   pace.took((performance.now() - shownAt) / 1000);
   let next;
@@ -140,6 +157,56 @@ async function send(answer) {
     }
   }
   arrive(next);
+}
+
+/**
+ * A video of this pair does not play: the server sets the query aside and gives another one for it.
+ * @param {string} how it was noticed
+ */
+async function setAside(how) {
+  if (sending) {
+    return;
+  }
+  sending = true;
+  buttons.isOpen = false;
+  faultButton.setAttribute("aria-disabled", "true");
+  const fault = evidence.fault(query.id, how, pair);
+  /** @type {import("./api.js").State | null} */
+  let next = null;
+  while (!next) {
+    try {
+      next = await api.reportFault(fault);
+    } catch (error) {
+      if (error instanceof Refused && !error.isPassing) {
+        next = error.status === 409 ? await whereNow() : null;
+        if (!next) {
+          warn(error.message, "Reload the page", () => location.reload());
+          return;
+        }
+        if (next.query?.id === query.id) {
+          // There is no other pair to show: this one may still come to play.
+          sending = false;
+          faultButton.setAttribute("aria-disabled", "false");
+          buttons.isOpen = pair.hasPlayed;
+          warn(error.message);
+          return;
+        }
+      } else {
+        warn("The server cannot be reached. Trying again.");
+        await pause(2);
+      }
+    }
+  }
+  arrive(next);
+  warn("That pair was set aside. Here is another one.");
+  const mine = turn;
+  while (mine === turn && !pair.hasPlayed) {
+    await pause(0.2);
+  }
+  await pause(SAY_REPLACED_S);
+  if (mine === turn) {
+    notice.hidden = true;
+  }
 }
 
 /**
@@ -258,6 +325,12 @@ function playAgain(event) {
 }
 
 within(stage, ".replay").addEventListener("click", playAgain);
+faultButton.addEventListener("click", (event) => {
+  keepKeysWorking(event);
+  if (performance.now() - shownAt > GUARD_MS) {
+    setAside("pressed");
+  }
+});
 within(start, "button").addEventListener("click", (event) => {
   focusHeading();
   playAgain(event);

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -16,6 +16,7 @@ from app.services.studio import open_studio
 from tests.conftest import SHORT_PLAN, write_study
 
 from .server import Server
+from .small_study import write_small_study
 
 EMAIL = "ada@lab.example"
 PASSWORD = "correct horse battery"
@@ -88,3 +89,24 @@ def server(tmp_path: Path, media_dir: Path) -> Iterator[Server]:
     server.start()
     yield server
     server.stop()
+
+
+@pytest.fixture
+def serve(tmp_path: Path, media_dir: Path) -> Iterator[Callable[[str], Server]]:
+    """Starts a server with one open study of small videos under the plan that it is given."""
+    servers: list[Server] = []
+
+    def start(plan: str) -> Server:
+        data_dir = tmp_path / "data"
+        studio = open_studio(Settings(data_dir=data_dir, media_dir=media_dir))
+        folder = studies.load_folder(str(write_small_study(tmp_path / "study", plan)))
+        studies.create(studio, folder)
+        studies.open_study(studio, folder.plan.slug)
+        studio.close()
+        servers.append(Server(data_dir, media_dir))
+        servers[-1].start()
+        return servers[-1]
+
+    yield start
+    for server in servers:
+        server.stop()

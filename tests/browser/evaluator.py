@@ -28,6 +28,14 @@ def enter(page: Page, url: str) -> None:
     watch(page)
 
 
+def enter_small(page: Page, url: str) -> None:
+    """From the link to the first pair of a study of small videos."""
+    page.goto(url)
+    page.get_by_test_id("consent").click()
+    page.get_by_test_id("continue").click()
+    watch(page)
+
+
 def watch(page: Page) -> None:
     """Both videos play, and the pair can be answered."""
     expect(page.get_by_test_id("answer-left")).to_be_enabled(timeout=FIRST_FRAME_MS)

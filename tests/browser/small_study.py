@@ -1,0 +1,60 @@
+"""A study of a few small videos that are there at once, for tests that are not about rendering."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import av
+import numpy as np
+
+from tests.conftest import write_study
+
+FRAMES_PER_SECOND = 10
+SECONDS = 2
+HEIGHT_PX, WIDTH_PX = 90, 160
+CANDIDATES = 5
+RECORDINGS = 3
+
+SMALL_PLAN = """
+version: 1
+slug: small
+title: Small
+languages: [en]
+parameters: [{name: speed}]
+environments:
+  kitchen: {source: recordings.csv}
+conditions:
+  - name: with skip
+    method: pbpo
+    environment: kitchen
+    skip: {label: I don't like either.}
+queries_per_trial: 4
+break_s: 0
+"""
+
+
+def write_small_study(folder: Path, plan: str = SMALL_PLAN) -> Path:
+    """The folder: five candidates of three recordings each, two seconds long."""
+    write_study(folder, plan)
+    (folder / "videos").mkdir()
+    rows = ["speed,file,score"]
+    for candidate in range(CANDIDATES):
+        for run in range(RECORDINGS):
+            name = f"videos/{candidate}-{run}.mp4"
+            _write_video(folder / name, candidate, run)
+            rows.append(f"{candidate / 10},{name},{candidate}")
+    (folder / "recordings.csv").write_text("\n".join(rows) + "\n", encoding="utf-8")
+    return folder
+
+
+def _write_video(path: Path, candidate: int, run: int) -> None:
+    """A bar that moves to the right, lower for each candidate, on a ground of its recording's."""
+    with av.open(path, mode="w") as container:
+        stream = container.add_stream("libx264", rate=FRAMES_PER_SECOND)
+        stream.width, stream.height, stream.pix_fmt = WIDTH_PX, HEIGHT_PX, "yuv420p"
+        stream.codec_context.thread_count = 1
+        for frame in range(FRAMES_PER_SECOND * SECONDS):
+            picture = np.full((HEIGHT_PX, WIDTH_PX, 3), 200 - 40 * run, dtype=np.uint8)
+            picture[15 * candidate : 15 * candidate + 15, 7 * frame : 7 * frame + 20] = 20
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
+        container.mux(stream.encode())

@@ -1,0 +1,96 @@
+"""A video that does not play costs its pair, never an answer and never the session."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from playwright.sync_api import Page, expect
+
+from app.services.settings import Settings
+from app.services.studio import open_studio
+from app.storage.tables import Event, QueryRow, Response
+
+from .evaluator import FIRST_FRAME_MS, answer, enter, enter_small, query_on_screen, watch
+from .server import Server
+from .small_study import SMALL_PLAN
+
+#: Slower than a crane's video plays (about 40 kB/s), and fast enough to begin it.
+SLOW_BYTES_PER_S = 25_000
+
+
+def stored(server: Server) -> tuple[list[tuple[int, str | None]], list[str], list[str]]:
+    """Each query with its place and fault, the responses, and the names of the events."""
+    studio = open_studio(Settings(data_dir=server.data_dir, media_dir=server.media_dir))
+    try:
+        with studio.database.read() as session:
+            queries = session.query(QueryRow).order_by(QueryRow.id)
+            return (
+                [(query.query_index, query.fault) for query in queries],
+                [response.response for response in session.query(Response)],
+                [event.event for event in session.query(Event).order_by(Event.id)],
+            )
+    finally:
+        studio.close()
+
+
+def test_a_pair_that_is_said_not_to_play_is_replaced_and_the_place_stays(
+    page: Page, serve: Callable[[str], Server]
+) -> None:
+    server = serve(SMALL_PLAN)
+    enter_small(page, f"{server.url}/s/small")
+    before = page.get_by_test_id("video-left").evaluate("(video) => video.currentSrc")
+    page.get_by_test_id("fault").click()
+    expect(page.get_by_text("Here is another one")).to_be_visible()
+    watch(page)
+    assert page.get_by_test_id("video-left").evaluate("(video) => video.currentSrc") != before
+    assert query_on_screen(page) == "Trial 1 of 1 · Query 1 of 4"
+    answer(page, "left", by="key")
+
+    queries, responses, events = stored(server)
+    assert queries[:2] == [(0, "pressed; left: ready; right: ready"), (0, None)]
+    assert responses == ["left"]
+    assert events.count("set_aside") == 1
+
+
+def test_a_video_that_the_server_lacks_is_replaced_without_a_press(
+    page: Page, serve: Callable[[str], Server]
+) -> None:
+    server = serve(SMALL_PLAN)
+    enter_small(page, f"{server.url}/s/small")
+    session = page.request.get(f"{server.url}/api/v1/session", headers={"PBPO-Study": "small"})
+    gone = f"**{session.json()['query']['left']['url']}"
+    page.route(gone, lambda route: route.fulfill(status=404, body="{}"))
+    page.context.new_cdp_session(page).send("Network.clearBrowserCache")
+    page.reload()
+    expect(page.get_by_text("Here is another one")).to_be_visible(timeout=FIRST_FRAME_MS)
+    watch(page)
+    queries, _, _ = stored(server)
+    assert "left video is missing" in str(queries[0][1])
+    assert queries[1:] == [(0, None)]
+
+
+def test_a_pair_that_halts_on_a_slow_line_says_so_and_plays_on_together(
+    page: Page, server: Server
+) -> None:
+    enter(page, f"{server.url}/s/short")
+    watch(page)
+    line = page.context.new_cdp_session(page)
+    line.send("Network.enable")
+    conditions = {"offline": False, "latency": 20, "uploadThroughput": -1}
+    slow = {**conditions, "downloadThroughput": SLOW_BYTES_PER_S}
+    line.send("Network.emulateNetworkConditions", slow)
+    line.send("Network.clearBrowserCache")
+    page.reload()
+    expect(page.get_by_text("Waiting for the video").first).to_be_visible(timeout=FIRST_FRAME_MS)
+    line.send("Network.emulateNetworkConditions", {**conditions, "downloadThroughput": -1})
+    expect(page.get_by_text("Waiting for the video")).to_have_count(0)
+    watch(page)
+    apart = page.evaluate(
+        """() => Math.abs(document.querySelector('[data-testid="video-left"]').currentTime
+            - document.querySelector('[data-testid="video-right"]').currentTime)"""
+    )
+    assert apart < 0.3
+    answer(page, "right", by="key")
+    _, responses, events = stored(server)
+    assert responses == ["right"]
+    assert {"stall", "recovered"} <= set(events)

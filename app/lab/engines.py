@@ -22,6 +22,9 @@ from .worlds import World
 Engine = Literal["local", "dask", "ray"]
 ENGINES: tuple[Engine, ...] = get_args(Engine)
 
+#: Workers without work leave after so long; those of a run that was killed have none any more.
+WORKER_PATIENCE_S = 60
+
 
 class EngineError(ValueError):
     """An engine that is not known, or not installed."""
@@ -58,7 +61,7 @@ def _workers(engine: Engine, jobs: int) -> AbstractContextManager[None]:
 
 @contextmanager
 def _local() -> Iterator[None]:
-    with joblib.parallel_config("loky"):
+    with joblib.parallel_config("loky", idle_worker_timeout=WORKER_PATIENCE_S):
         yield
 
 

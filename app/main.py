@@ -22,6 +22,7 @@ from app.web import (
     participant_pages,
     problems,
     security,
+    stage_pages,
 )
 from app.web.templating import STATIC
 
@@ -71,7 +72,15 @@ def create_app(
     app.add_middleware(security.Guard)
     app.add_exception_handler(experimenter_pages.ToSignIn, _to_sign_in)
     app.mount("/static", KeptStaticFiles(directory=STATIC), name="static")
-    for module in (api, exports, media, participant_pages, leaving_pages, experimenter_pages):
+    for module in (
+        api,
+        exports,
+        media,
+        participant_pages,
+        stage_pages,
+        leaving_pages,
+        experimenter_pages,
+    ):
         app.include_router(module.router)
     return app
 

@@ -56,11 +56,27 @@ async def walk(
                     seen: State = {"index": index}
                     await _call(client, "POST", "/api/v1/session/watched", token, seen)
                 body, path = None, "continue"
+            case "questionnaire":
+                asked = state["questionnaire"]["items"]
+                body = {"answers": {item["name"]: _answer(item) for item in asked}}
+                path = "questionnaire"
             case _:
                 body, path = None, "continue"
         state = await _call(client, "POST", f"/api/v1/session/{path}", token, body)
     final: State = state
     return final
+
+
+def _answer(item: State) -> str | float | None:
+    """The least that an item takes: a simulated evaluator has no opinions of its own."""
+    if not item["required"]:
+        return None
+    if item["type"] == "text":
+        return "simulated"
+    if item["type"] == "likert":
+        return int(item["points"]) // 2 + 1
+    ends = [end for end in (item["min"], item["max"]) if end is not None]
+    return float(ends[0]) if ends else 0.0
 
 
 async def _call(

@@ -36,13 +36,15 @@ ACTIVE_FOR = timedelta(hours=1)
 class Entrance:
     """What somebody who has no session yet is shown: the consent, and nothing is kept of them."""
 
-    slug: str
-    title: str
+    study: State
     language: str
-    contact: str | None
     consent: Mapping[str, str]
     trials: int
     queries: int
+
+    @property
+    def title(self) -> str:
+        return str(self.study["title"])
 
 
 def entrance(studio: Studio, slug: str, language: str | None = None) -> Entrance:
@@ -52,10 +54,8 @@ def entrance(studio: Studio, slug: str, language: str | None = None) -> Entrance
     _require_open(study.status, slug, LIVE)
     language = _language(study.plan, language)
     return Entrance(
-        slug=slug,
-        title=study.plan.text(study.plan.title, language),
+        study=session_state.study_of(study.plan, slug, language),
         language=language,
-        contact=study.plan.contact,
         consent=session_state.consent_text(study.texts[language]),
         trials=study.plan.trials,
         queries=study.plan.queries_per_trial,

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from app.study.questionnaire import AnswerFault
+
 
 class ServiceError(Exception):
     """A refusal that its caller can do something about; the message says what was expected."""
@@ -64,3 +66,12 @@ class AlreadyAnsweredError(ResponseRefusedError):
 
 class SkipNotOfferedError(ResponseRefusedError):
     """The query's condition has no skip."""
+
+
+class AnswersRefusedError(ServiceError):
+    """Answers to a questionnaire that cannot be taken; `faults` names every one."""
+
+    def __init__(self, faults: tuple[AnswerFault, ...], stage: str) -> None:
+        super().__init__("; ".join(f"{fault.item}: {fault.message}" for fault in faults))
+        self.faults = faults
+        self.stage = stage

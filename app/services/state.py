@@ -15,7 +15,14 @@ from sqlalchemy.orm import Session
 from app.storage.tables import SessionRow
 from app.study import texts
 from app.study.plan import Plan
-from app.study.protocol import FINAL_STAGES, Progress, Stage, position
+from app.study.protocol import (
+    AFTER_TRIAL,
+    AT_THE_END,
+    FINAL_STAGES,
+    Progress,
+    Stage,
+    position,
+)
 
 from . import playlist, queries, recruitment
 from .course import learned
@@ -36,12 +43,7 @@ def describe(studio: Studio, session: Session, row: SessionRow) -> State:
     state: State = {
         "stage": progress.stage.value,
         "progress": position(plan, progress),
-        "study": {
-            "slug": row.study.slug,
-            "title": plan.text(plan.title, row.language),
-            "contact": plan.contact,
-            "break_s": plan.break_s,
-        },
+        "study": study_of(plan, row.study.slug, row.language),
         "language": row.language,
     }
     written = row.plan.texts[row.language]
@@ -59,6 +61,8 @@ def describe(studio: Studio, session: Session, row: SessionRow) -> State:
             }
         case Stage.QUERY:
             state["query"] = _query(studio, session, row, plan)
+        case Stage.QUESTIONNAIRE:
+            state["questionnaire"] = _questionnaire(plan, progress.query_index, row.language)
         case Stage.BREAK:
             assert progress.break_ends_at is not None
             state["break"] = _break(progress.break_ends_at, studio.now())
@@ -69,6 +73,29 @@ def describe(studio: Studio, session: Session, row: SessionRow) -> State:
             if way_back is not None:
                 state[progress.stage.value] = way_back
     return state
+
+
+def study_of(plan: Plan, slug: str, language: str) -> dict[str, Any]:
+    """What every page may say of the study; `stages` are those that it has, in their order."""
+    asks = plan.items(AFTER_TRIAL) or plan.items(AT_THE_END)
+    optional = {
+        Stage.DEVICE_CHECK: False,
+        Stage.FAMILIARISATION: plan.familiarisation.videos > 0,
+        Stage.PRACTICE: False,
+        Stage.QUESTIONNAIRE: bool(asks),
+        Stage.BREAK: plan.break_s > 0,
+    }
+    return {
+        "slug": slug,
+        "title": plan.text(plan.title, language),
+        "contact": plan.contact,
+        "break_s": plan.break_s,
+        "stages": [
+            stage.value
+            for stage in Stage
+            if stage not in FINAL_STAGES and optional.get(stage, True)
+        ],
+    }
 
 
 def read_progress(row: SessionRow) -> Progress:
@@ -133,6 +160,25 @@ def _query(studio: Studio, session: Session, row: SessionRow, plan: Plan) -> dic
 
 def _video(recording: Any) -> dict[str, Any]:
     return {"url": video_url(recording.public_id), "duration_s": recording.duration_s}
+
+
+def _questionnaire(plan: Plan, page: int, language: str) -> dict[str, Any]:
+    return {
+        "page": "trial" if page == AFTER_TRIAL else "end",
+        "items": [
+            {
+                "name": item.name,
+                "type": item.type,
+                "label": plan.text(item.label, language),
+                "required": item.required,
+                "points": item.scale if item.type == "likert" else None,
+                "labels": [plan.text(label, language) for label in item.labels or ()],
+                "min": item.min,
+                "max": item.max,
+            }
+            for item in plan.items(page)
+        ],
+    }
 
 
 def _break(ends_at: datetime, now: datetime) -> dict[str, Any]:

@@ -15,6 +15,7 @@ from app.study.faults import Fault, StudyFaults
 from app.study.folder import SHIPPED, TEXT_NAMES, StudyFolder, UnknownStudyError, load, resolve
 from app.study.plan import Condition, Environment, Parameter, Plan, plan_hash
 from app.study.protocol import (
+    Answered,
     BreakNotOver,
     Consented,
     Continued,
@@ -31,6 +32,7 @@ from app.study.protocol import (
     advance,
     position,
 )
+from app.study.questionnaire import AnswerFault, Item, Questionnaires, read_answers
 from app.study.recordings import RecordingRow
 from app.study.scaffold import FolderNotEmptyError, init
 from app.study.texts import consent_version, render
@@ -39,6 +41,8 @@ __all__ = [
     "METHODS",
     "SHIPPED",
     "TEXT_NAMES",
+    "AnswerFault",
+    "Answered",
     "BreakNotOver",
     "Condition",
     "Consented",
@@ -47,6 +51,7 @@ __all__ = [
     "Event",
     "Fault",
     "FolderNotEmptyError",
+    "Item",
     "Method",
     "OutOfOrder",
     "Parameter",
@@ -54,6 +59,7 @@ __all__ = [
     "Position",
     "Progress",
     "ProtocolError",
+    "Questionnaires",
     "RecordingRow",
     "Responded",
     "Stage",
@@ -72,6 +78,7 @@ __all__ = [
     "plan_hash",
     "plan_orders",
     "position",
+    "read_answers",
     "render",
     "resolve",
     "sample_familiarisation",

@@ -20,6 +20,7 @@ from app.study.plain import (
     languages_of,
     repeats,
 )
+from app.study.questionnaire import item_inconsistencies
 
 CRANE = "crane"
 CRANE_ENVIRONMENTS = ("env1", "env2")
@@ -76,6 +77,7 @@ def inconsistencies(plan: Mapping[str, object]) -> list[Inconsistency]:
         *_familiarisation(plan),
         *recruitment.disagreements(plan),
         *_blocks(plan),
+        *item_inconsistencies(plan, languages_of(plan)),
     ]
 
 

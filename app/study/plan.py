@@ -24,6 +24,7 @@ from pydantic_core import PydanticCustomError
 
 from app.study.consistency import CRANE, METHODS, inconsistencies
 from app.study.part import ONE_OR_MORE_TEXTS, LocalText, Part
+from app.study.questionnaire import Item, Questionnaires
 from app.study.recordings import RecordingRow
 from app.study.recruitment import Recruitment
 from app.study.stages import Familiarisation
@@ -131,6 +132,10 @@ class Plan(Part):
         default="session",
         description="session, or environment to keep the trials of each environment together",
     )
+    questionnaires: Questionnaires = Field(
+        default=Questionnaires(),
+        description="a mapping such as {after_trial: [{name: effort, type: likert, label: ...}]}",
+    )
     recruitment: Recruitment = Field(
         default=Recruitment(), description="a mapping such as {platform: prolific, codes: ...}"
     )
@@ -168,6 +173,10 @@ class Plan(Part):
     def familiarises_before(self, trial_index: int) -> bool:
         """Whether videos are watched before this trial."""
         return self.familiarisation.videos > 0 and trial_index % self.trials_per_block == 0
+
+    def items(self, page: int) -> tuple[Item, ...]:
+        """The questionnaire's items: page 0 comes after a trial, page 1 at the end."""
+        return (self.questionnaires.after_trial, self.questionnaires.end)[page]
 
     @property
     def default_language(self) -> str:

@@ -41,6 +41,12 @@ BEFORE_FIRST_TRIAL = frozenset(
     }
 )
 
+AFTER_A_TRIAL = frozenset({Stage.QUESTIONNAIRE, Stage.BREAK, Stage.DEBRIEF, Stage.COMPLETED})
+#: Pages of stage questionnaire: `Plan.items` takes them.
+AFTER_TRIAL, AT_THE_END = 0, 1
+#: Stages of several pages, which query_index counts.
+COUNTING = frozenset({Stage.PRACTICE, Stage.QUERY, Stage.QUESTIONNAIRE})
+
 
 @dataclass(frozen=True)
 class Progress:
@@ -48,7 +54,8 @@ class Progress:
 
     trial_index: 0-based; the trial the session is in, or that comes next (in a break, or while a
         block's videos are watched); the number of trials once all are done.
-    query_index: 0-based index of the open query; 0 outside stage query.
+    query_index: 0-based index of the open query; in stage questionnaire 0 after a trial, 1 at the
+        end; 0 in all other stages.
     break_ends_at: only in stage break; timezone-aware.
     """
 
@@ -62,9 +69,9 @@ class Progress:
             raise ValueError(f"expected indices of 0 or more, got {self}")
         if self.stage in BEFORE_FIRST_TRIAL and self.trial_index != 0:
             raise ValueError(f"expected trial_index 0 in stage {self.stage}, got {self}")
-        if self.stage in (Stage.BREAK, Stage.DEBRIEF, Stage.COMPLETED) and self.trial_index == 0:
+        if self.stage in AFTER_A_TRIAL and self.trial_index == 0:
             raise ValueError(f"expected a finished trial in stage {self.stage}, got {self}")
-        if self.stage is not Stage.QUERY and self.query_index != 0:
+        if self.stage not in COUNTING and self.query_index != 0:
             raise ValueError(f"expected query_index 0 in stage {self.stage}, got {self}")
         if (self.stage is Stage.BREAK) != (self.break_ends_at is not None):
             raise ValueError(f"expected break_ends_at in stage break and only there, got {self}")
@@ -107,11 +114,21 @@ class Responded:
 
 
 @dataclass(frozen=True)
+class Answered:
+    """A questionnaire's answers, checked."""
+
+    at: datetime
+
+    def __post_init__(self) -> None:
+        _require_timezone(self.at)
+
+
+@dataclass(frozen=True)
 class Withdrew:
     """The person stops: declines in stage consent, withdraws later."""
 
 
-Event = Consented | Continued | Responded | Withdrew
+Event = Consented | Continued | Responded | Answered | Withdrew
 
 
 class ProtocolError(Exception):
@@ -191,6 +208,8 @@ def advance(plan: Plan, progress: Progress, event: Event) -> Progress:
             return _after_continue(plan, progress, event)
         case Responded():
             return _after_response(plan, progress, event)
+        case Answered():
+            return _after_questionnaire(plan, progress, event)
 
 
 def position(plan: Plan, progress: Progress) -> Position:
@@ -249,14 +268,27 @@ def _after_response(plan: Plan, progress: Progress, event: Responded) -> Progres
     if progress.query_index + 1 < plan.queries_per_trial:
         return Progress(Stage.QUERY, progress.trial_index, progress.query_index + 1)
     finished = progress.trial_index + 1
+    if plan.items(AFTER_TRIAL):
+        return Progress(Stage.QUESTIONNAIRE, trial_index=finished, query_index=AFTER_TRIAL)
+    return _after_trial(plan, finished, event.at)
+
+
+def _after_questionnaire(plan: Plan, progress: Progress, event: Answered) -> Progress:
+    if progress.stage is not Stage.QUESTIONNAIRE:
+        raise _out_of_order(plan, progress)
+    if progress.query_index == AFTER_TRIAL:
+        return _after_trial(plan, progress.trial_index, event.at)
+    return Progress(Stage.DEBRIEF, trial_index=progress.trial_index)
+
+
+def _after_trial(plan: Plan, finished: int, at: datetime) -> Progress:
     if finished >= plan.trials:
+        if plan.items(AT_THE_END):
+            return Progress(Stage.QUESTIONNAIRE, trial_index=finished, query_index=AT_THE_END)
         return Progress(Stage.DEBRIEF, trial_index=finished)
     if plan.break_s > 0:
-        return Progress(
-            Stage.BREAK,
-            trial_index=finished,
-            break_ends_at=event.at + timedelta(seconds=plan.break_s),
-        )
+        ends_at = at + timedelta(seconds=plan.break_s)
+        return Progress(Stage.BREAK, trial_index=finished, break_ends_at=ends_at)
     return _toward_trial(plan, finished)
 
 

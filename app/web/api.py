@@ -6,13 +6,14 @@ from typing import Any
 
 from fastapi import APIRouter, Response
 
-from app.services import admission, answers, participation, withdrawal
+from app.services import admission, answers, participation, questionnaires, withdrawal
 from app.services.answers import Answer, FaultReport
 from app.services.queries import Happening
 from app.services.tokens import receipt_code
 
 from .problems import refusals
 from .schemas import (
+    Answers,
     AskForDeletion,
     GiveConsent,
     Happened,
@@ -84,6 +85,14 @@ def go_on(studio: StudioDep, token: SessionToken) -> State:
 def watched(body: Watched, studio: StudioDep, token: SessionToken) -> State:
     """A video of the familiarisation was watched to its end. The same again changes nothing."""
     return participation.watch(studio, token, body.index)
+
+
+@router.post(
+    "/session/questionnaire", response_model=SessionState, responses=refusals(401, 409, 422)
+)
+def answer_questionnaire(body: Answers, studio: StudioDep, token: SessionToken) -> State:
+    """Answer all items of the open questionnaire. 422 names every answer that cannot be taken."""
+    return questionnaires.answer(studio, token, body.answers)
 
 
 @router.post(

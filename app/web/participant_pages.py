@@ -21,21 +21,9 @@ from . import mturk_pages
 from .failing_kindly import FailingKindly
 from .security import SESSION_COOKIE_SECONDS, StudioDep, session_cookie, set_cookie
 from .session_pages import do, is_known, render, to_stage, token_of
+from .stage_pages import TITLES, stage_page
 
 router = APIRouter(prefix="/s/{slug}", include_in_schema=False, route_class=FailingKindly)
-
-_TITLES = {
-    "consent": "Consent",
-    "instructions": "Instructions",
-    "familiarisation": "Familiarisation",
-    "query": "Which is better?",
-    "break": "Break",
-    "debrief": "Debrief",
-    "completed": "Thank you",
-    "withdrawn": "You have stopped",
-    "declined": "You have declined",
-    "screened_out": "Thank you",
-}
 
 
 @router.get("")
@@ -54,7 +42,7 @@ def enter(slug: str, request: Request, studio: StudioDep) -> Response:
         return response
     except SignInRequiredError:
         return _arrival(request, slug, studio)
-    return _stage_page(request, slug, state)
+    return stage_page(request, slug, state)
 
 
 @router.post("/consent")
@@ -88,7 +76,7 @@ def decline(slug: str, request: Request, studio: StudioDep) -> Response:
             request,
             slug,
             "participant/declined.html",
-            _TITLES["declined"],
+            TITLES["declined"],
             way_back=recruitment.described(plan, "declined", ids),
         )
     return do(slug, lambda: withdrawal.withdraw(studio, token))
@@ -157,23 +145,8 @@ def _entrance(request: Request, slug: str, studio: Studio) -> Response:
             "query": 0,
             "queries": entrance.queries,
         },
-        "study": {"slug": slug, "title": entrance.title, "contact": entrance.contact},
+        "study": entrance.study,
         "language": entrance.language,
         "consent": dict(entrance.consent),
     }
-    return _stage_page(request, slug, state)
-
-
-def _stage_page(request: Request, slug: str, state: State) -> Response:
-    stage = state["stage"]
-    shown = state.get(stage) or {}
-    return render(
-        request,
-        slug,
-        f"participant/{stage}.html",
-        _TITLES[stage],
-        state,
-        html=shown.get("html", ""),
-        version=shown.get("version", ""),
-        way_back=shown if "url" in shown else None,
-    )
+    return stage_page(request, slug, state)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 from fastapi import FastAPI, Request
@@ -43,6 +43,7 @@ KINDS: tuple[tuple[type[Exception], Kind], ...] = (
     (errors.AlreadyTakenPartError, Kind(409, "already-taken-part", "Taken part already")),
     (errors.AlreadyAnsweredError, Kind(409, "already-answered", "Already answered")),
     (errors.SkipNotOfferedError, Kind(409, "skip-not-offered", "No skip here")),
+    (errors.AnswersRefusedError, Kind(422, "answers-refused", "Some answers cannot be taken")),
     (errors.ConflictError, Kind(409, "conflict", "Not possible now")),
     (protocol.StaleConsent, Kind(409, "stale-consent", "The consent text has changed")),
     (protocol.BreakNotOver, Kind(409, "break-not-over", "The break is not over")),
@@ -101,6 +102,9 @@ async def _domain_error(request: Request, error: Exception) -> Response:
     # Whoever is out of step is told where the session is.
     if isinstance(error, protocol.OutOfOrder | errors.ResponseRefusedError):
         extra["stage"] = str(error.stage)
+    if isinstance(error, errors.AnswersRefusedError):
+        extra["stage"] = error.stage
+        extra["faults"] = [asdict(fault) for fault in error.faults]
     if isinstance(error, protocol.BreakNotOver):
         extra["stage"] = str(protocol.Stage.BREAK)
         extra["seconds_left"] = error.seconds_left

@@ -32,6 +32,12 @@ class Watched(_In):
     index: int = Field(ge=0, le=1_000, description="Place of the video in the list, from 0.")
 
 
+class Answers(_In):
+    """Answers to the open questionnaire, by the names of its items."""
+
+    answers: dict[Key, str | int | float | None] = Field(max_length=100)
+
+
 class Happened(_In):
     """Something the browser saw while the query was on the screen."""
 

@@ -7,15 +7,19 @@ from collections.abc import Iterator
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
+from app.services.questionnaires import AT_THE_END_INDEX
+from app.services.studies import stored_plan
 from app.storage.arrivals import Tombstone
 from app.storage.tables import (
     Identity,
     Participant,
     PlanVersion,
+    QuestionnaireAnswer,
     SessionRow,
     Trial,
 )
 from app.study.plan import Plan
+from app.study.protocol import AFTER_TRIAL, AT_THE_END
 
 from .columns import (
     MODE,
@@ -161,9 +165,50 @@ def _deletions_rows(session: Session, request: Request) -> Iterator[Row]:
         yield request.study.slug, *row
 
 
+def _questionnaires_columns(_plan: Plan) -> tuple[Column, ...]:
+    return (
+        PARTICIPANT,
+        SESSION,
+        integer("trial_index", "Trial that was just finished, from 0; -1 for what ends the study."),
+        text("item", "Name of the item."),
+        text("type", "likert, number or text."),
+        text("value", "The answer; a likert item counts its points from 1. Empty: not answered."),
+        moment("answered_at", "When the server stored the answer."),
+    )
+
+
+def _questionnaires_rows(session: Session, request: Request) -> Iterator[Row]:
+    statement = of_sessions(
+        select(SessionRow.public_id, Participant.pseudonym, PlanVersion, QuestionnaireAnswer)
+        .join(SessionRow, QuestionnaireAnswer.session_id == SessionRow.id)
+        .join(Participant, SessionRow.participant_id == Participant.id)
+        .join(PlanVersion, SessionRow.plan_id == PlanVersion.id),
+        request,
+    ).order_by(SessionRow.id, QuestionnaireAnswer.id)
+    for session_id, pseudonym, version, row in fetch(session, statement):
+        at_the_end = row.trial_index == AT_THE_END_INDEX
+        asked = stored_plan(version).items(AT_THE_END if at_the_end else AFTER_TRIAL)
+        types = {item.name: item.type for item in asked}
+        yield (
+            pseudonym,
+            session_id,
+            row.trial_index,
+            row.item,
+            types[row.item],
+            row.value,
+            row.answered_at,
+        )
+
+
 SESSIONS = Table("sessions", "One row per session.", _sessions_columns, _sessions_rows)
 PARTICIPANTS = Table(
     "participants", "One row per participant.", _participants_columns, _participants_rows
+)
+QUESTIONNAIRES = Table(
+    "questionnaires",
+    "One row per item asked after a trial or at the end.",
+    _questionnaires_columns,
+    _questionnaires_rows,
 )
 IDENTITIES = Table(
     "identities",

@@ -11,7 +11,7 @@ from app.study.plan import Plan
 from .answers import ACQUIRED, EVENTS, PREFERENCES, QUERIES
 from .columns import Column, Request, Row, Table, text
 from .evidence import FAULTS
-from .people import DELETIONS, IDENTITIES, PARTICIPANTS, SESSIONS
+from .people import DELETIONS, IDENTITIES, PARTICIPANTS, QUESTIONNAIRES, SESSIONS
 from .stimuli import RECORDINGS
 
 
@@ -48,6 +48,7 @@ ZIPPED = (
     ACQUIRED,
     SESSIONS,
     PARTICIPANTS,
+    QUESTIONNAIRES,
     DELETIONS,
     EVENTS,
     FAULTS,

@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from app.study import (
+    Answered,
     BreakNotOver,
     Consented,
     Continued,
@@ -236,24 +237,32 @@ times = st.integers(min_value=-100, max_value=1000).map(later)
 events_at_random = st.lists(
     st.one_of(
         st.builds(Consented, st.sampled_from(["v1", "v2"]), st.just("v1")),
+        st.builds(Answered, times),
         st.builds(Continued, times),
         st.builds(Responded, st.integers(-1, 4), times),
         st.builds(Withdrew),
     ),
     max_size=40,
 )
+ITEM = {"name": "effort", "type": "likert", "label": "How hard was it?"}
 shapes = st.fixed_dictionaries(
     {
         "break_s": st.sampled_from([0, 60]),
         "queries_per_trial": st.integers(1, 4),
         "trials_per_condition": st.integers(1, 2),
         "familiarisation": st.sampled_from([{"videos": 0}, {"videos": 3}]),
+        "questionnaires": st.sampled_from(
+            [{}, {"end": [ITEM]}, {"after_trial": [ITEM], "end": [ITEM]}]
+        ),
     }
 )
 
 
 def assert_possible(plan: Plan, progress: Progress) -> None:
-    assert 0 <= progress.query_index < plan.queries_per_trial
+    if progress.stage is Stage.QUESTIONNAIRE:
+        assert plan.items(progress.query_index)
+    else:
+        assert 0 <= progress.query_index < plan.queries_per_trial
     finished = progress.trial_index
     if progress.stage in (Stage.QUERY, Stage.BREAK):
         assert finished < plan.trials
@@ -298,6 +307,8 @@ def test_a_session_that_goes_on_answers_every_query_once_and_completes(
         elif progress.stage is Stage.QUERY:
             answered.append((progress.trial_index, progress.query_index))
             progress = advance(plan, progress, Responded(progress.query_index, now))
+        elif progress.stage is Stage.QUESTIONNAIRE:
+            progress = advance(plan, progress, Answered(now))
         else:
             try:
                 progress = advance(plan, progress, Continued(now))
@@ -325,4 +336,4 @@ def test_whoever_has_not_ended_can_always_leave(
 
 
 def test_there_is_no_event_that_the_tests_leave_out() -> None:
-    assert set(get_args(Event)) == {Consented, Continued, Responded, Withdrew}
+    assert set(get_args(Event)) == {Consented, Continued, Responded, Answered, Withdrew}

@@ -1,0 +1,158 @@
+"""Short questionnaires after a trial and at the end: their items, and what counts as an answer."""
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+from pydantic import Field, StrictBool, StrictInt, StrictStr
+
+from app.study.part import ONE_OR_MORE_TEXTS, LocalText, Part
+from app.study.plain import Inconsistency, Place, all_languages, as_list, as_mapping, repeats
+
+DEFAULT_POINTS = 5
+LONGEST_TEXT = 2_000
+
+#: What only items of one type may say.
+_OF_TYPE = {"points": "likert", "labels": "likert", "min": "number", "max": "number"}
+
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+
+
+class Item(Part):
+    """One question."""
+
+    name: StrictStr = Field(
+        pattern=r"^[a-z][a-z0-9_]{0,59}$",
+        description="a name of lower-case letters, digits and underscores such as how_tired",
+    )
+    type: Literal["likert", "number", "text"] = Field(description="likert, number or text")
+    label: LocalText = Field(description=ONE_OR_MORE_TEXTS)
+    required: StrictBool = Field(default=True, description="true or false")
+    points: StrictInt | None = Field(
+        default=None, ge=2, le=11, description="a whole number of points from 2 to 11"
+    )
+    labels: tuple[LocalText, ...] | None = Field(
+        default=None, description="a list of two labels, for the ends, or one for each point"
+    )
+    min: Finite | None = Field(default=None, description="the smallest number that may be given")
+    max: Finite | None = Field(default=None, description="the largest number that may be given")
+
+    @property
+    def scale(self) -> int:
+        """How many points a likert item has."""
+        return self.points or DEFAULT_POINTS
+
+
+class Questionnaires(Part):
+    """What is asked besides the comparisons."""
+
+    after_trial: tuple[Item, ...] = Field(
+        default=(), max_length=20, description="a list of up to 20 items"
+    )
+    end: tuple[Item, ...] = Field(default=(), max_length=20, description="a list of up to 20 items")
+
+
+@dataclass(frozen=True)
+class AnswerFault:
+    """What is wrong with one answer; `kind` is missing, likert, number, text or unknown."""
+
+    item: str
+    kind: str
+    message: str
+
+
+def read_answers(
+    items: Sequence[Item], answers: Mapping[str, object]
+) -> tuple[dict[str, str | None], list[AnswerFault]]:
+    """Each item's answer as it is stored (None: not answered), and every fault in them."""
+    values: dict[str, str | None] = {}
+    faults = [
+        AnswerFault(name, "unknown", f"expected an answer to an item asked here, got {name!r}")
+        for name in answers.keys() - {item.name for item in items}
+    ]
+    for item in items:
+        given = answers.get(item.name)
+        given = given.strip() if isinstance(given, str) else given
+        if given is None or given == "":
+            values[item.name] = None
+            if item.required:
+                faults.append(AnswerFault(item.name, "missing", "expected an answer, got none"))
+            continue
+        value, expected = _read(item, given)
+        values[item.name] = value
+        if value is None:
+            shown = repr(given)[:60]
+            message = f"expected {expected}, got {shown}"
+            faults.append(AnswerFault(item.name, item.type, message))
+    return values, faults
+
+
+def _read(item: Item, given: object) -> tuple[str | None, str]:
+    """The answer as text, or None; and what is expected."""
+    if item.type == "text":
+        sound = isinstance(given, str) and len(given) <= LONGEST_TEXT and "\0" not in given
+        return (str(given) if sound else None), f"a text of up to {LONGEST_TEXT} characters"
+    number = _number(given)
+    if item.type == "likert":
+        sound = number is not None and number == int(number) and 1 <= number <= item.scale
+        return (str(int(number or 0)) if sound else None), f"a whole number from 1 to {item.scale}"
+    sound = (
+        number is not None
+        and (item.min is None or number >= item.min)
+        and (item.max is None or number <= item.max)
+    )
+    return (f"{number:.15g}" if sound else None), number_range(item)
+
+
+def number_range(item: Item) -> str:
+    """Which numbers an item takes, in words."""
+    if item.min is not None and item.max is not None:
+        return f"a number from {item.min:.15g} to {item.max:.15g}"
+    if item.min is not None:
+        return f"a number of at least {item.min:.15g}"
+    return "a number" if item.max is None else f"a number of at most {item.max:.15g}"
+
+
+def _number(given: object) -> float | None:
+    """A number, or text that says one; a comma may stand for the decimal point."""
+    if isinstance(given, bool) or not isinstance(given, int | float | str):
+        return None
+    try:
+        number = float(given.replace(",", ".") if isinstance(given, str) else given)
+    except (ValueError, OverflowError):
+        return None
+    return number if math.isfinite(number) else None
+
+
+def item_inconsistencies(
+    plan: Mapping[str, object], languages: list[object]
+) -> Iterator[Inconsistency]:
+    """Disagreements within the questionnaires of a plan, given as plain data."""
+    for when, listed in as_mapping(plan.get("questionnaires")).items():
+        items = [as_mapping(item) for item in as_list(listed)]
+        for found in repeats(when, [item.get("name") for item in items], "name"):
+            yield Inconsistency(("questionnaires", *found.place), found.message)
+        for index, item in enumerate(items):
+            yield from _item(("questionnaires", when, index), item, languages)
+
+
+def _item(
+    place: Place, item: Mapping[str, object], languages: list[object]
+) -> Iterator[Inconsistency]:
+    kind = item.get("type")
+    for key, its_type in _OF_TYPE.items():
+        if item.get(key) is not None and kind in ("likert", "number", "text") and kind != its_type:
+            message = f"expected {key} for type {its_type} only, got it for type {kind}"
+            yield Inconsistency((*place, key), message)
+    yield from all_languages((*place, "label"), item.get("label"), languages)
+    labels, points = as_list(item.get("labels")), item.get("points")
+    points = points if isinstance(points, int) else DEFAULT_POINTS
+    if kind == "likert" and labels and len(labels) not in (2, points):
+        message = f"expected 2 labels, for the ends, or {points}, got {len(labels)}"
+        yield Inconsistency((*place, "labels"), message)
+    for index, label in enumerate(labels):
+        yield from all_languages((*place, "labels", index), label, languages)
+    low, high = item.get("min"), item.get("max")
+    if isinstance(low, int | float) and isinstance(high, int | float) and low > high:
+        yield Inconsistency((*place, "max"), f"expected at least min ({low}), got {high}")

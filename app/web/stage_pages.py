@@ -1,0 +1,74 @@
+"""The page of each stage of a session, and the forms of the stages that ask something."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Depends, Request
+from fastapi.responses import Response
+
+from app.services import participation, questionnaires
+from app.services.errors import AnswersRefusedError
+from app.services.state import State
+
+from .failing_kindly import FailingKindly
+from .security import StudioDep
+from .session_pages import do, render, token_of
+
+router = APIRouter(prefix="/s/{slug}", include_in_schema=False, route_class=FailingKindly)
+
+TITLES = {
+    "consent": "Consent",
+    "instructions": "Instructions",
+    "familiarisation": "Familiarisation",
+    "query": "Which is better?",
+    "questionnaire": "Some questions",
+    "break": "Break",
+    "debrief": "Debrief",
+    "completed": "Thank you",
+    "withdrawn": "You have stopped",
+    "declined": "You have declined",
+    "screened_out": "Thank you",
+}
+
+
+async def form_fields(request: Request) -> dict[str, str]:
+    """The fields of a form whose names only the study knows."""
+    form = await request.form()
+    return {name: value for name, value in form.items() if isinstance(value, str)}
+
+
+@router.post("/questionnaire")
+def questionnaire(
+    slug: str,
+    request: Request,
+    studio: StudioDep,
+    answers: Annotated[dict[str, str], Depends(form_fields)],
+) -> Response:
+    """Answer; what cannot be taken is shown beside what was asked, with all that was given."""
+    try:
+        return do(slug, lambda: questionnaires.answer(studio, token_of(request, slug), answers))
+    except AnswersRefusedError as error:
+        state = participation.current(studio, token_of(request, slug))
+        faults = {fault.item: fault.kind for fault in error.faults}
+        return stage_page(request, slug, state, status=422, given=answers, faults=faults)
+
+
+def stage_page(
+    request: Request, slug: str, state: State, *, status: int = 200, **context: Any
+) -> Response:
+    """The page of the stage that the session is in."""
+    stage = state["stage"]
+    shown = state.get(stage) or {}
+    return render(
+        request,
+        slug,
+        f"participant/{stage}.html",
+        TITLES[stage],
+        state,
+        html=shown.get("html", ""),
+        version=shown.get("version", ""),
+        way_back=shown if "url" in shown else None,
+        status=status,
+        **context,
+    )

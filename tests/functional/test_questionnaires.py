@@ -1,0 +1,118 @@
+"""Questionnaires through the API and as pages: taken whole or not at all, and exported."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+
+from app.services import studies
+from app.services.studies import StudyInfo
+from app.services.studio import Studio
+from tests.conftest import SHORT_PLAN, Clock, StudyShelf
+
+from .client import Api, Session
+
+ASKING_PLAN = (
+    SHORT_PLAN.replace("queries_per_trial: 4", "queries_per_trial: 1")
+    + """
+questionnaires:
+  after_trial:
+    - {name: effort, type: likert, points: 7, label: "How hard was it?", labels: [Easy, Hard]}
+  end:
+    - {name: age, type: number, min: 18, max: 120, label: "How old are you?"}
+    - {name: remarks, type: text, label: "Anything else?", required: false}
+"""
+)
+
+
+@pytest.fixture
+def asking_study(studio: Studio, study_shelf: StudyShelf) -> StudyInfo:
+    study_shelf.put_into(studio, ASKING_PLAN)
+    return studies.find(studio, "short")
+
+
+def to_the_questions(client: Api) -> Session:
+    session = client.start().to_first_query()
+    session.respond("left")
+    assert session.state["stage"] == "questionnaire"
+    return session
+
+
+def test_answers_lead_on_and_come_out_in_an_export(
+    client: Api, asking_study: StudyInfo, clock: Clock, api_token: str
+) -> None:
+    session = to_the_questions(client)
+    for trial in (1, 2, 3):
+        assert session.state["progress"]["trial"] == trial
+        assert session.state["questionnaire"]["page"] == "trial"
+        session.call("questionnaire", {"answers": {"effort": trial}})
+        if trial < 3:
+            assert session.state["stage"] == "break"
+            clock.forward(120)
+            session.go_on()
+            session.respond("left")
+    assert session.state["questionnaire"]["page"] == "end"
+    assert [item["name"] for item in session.state["questionnaire"]["items"]] == ["age", "remarks"]
+    session.call("questionnaire", {"answers": {"age": 40, "remarks": "=1+1"}})
+    assert session.state["stage"] == "debrief"
+
+    rows = client.table("questionnaires", api_token)
+    found = rows[["trial_index", "item", "type", "value"]].to_numpy().tolist()
+    assert [[trial, item, kind, str(value)] for trial, item, kind, value in found] == [
+        [0, "effort", "likert", "1"],
+        [1, "effort", "likert", "2"],
+        [2, "effort", "likert", "3"],
+        [-1, "age", "number", "40"],
+        [-1, "remarks", "text", "'=1+1"],
+    ]
+
+
+def test_answers_that_cannot_be_taken_are_all_named_and_none_is_kept(
+    client: Api, asking_study: StudyInfo, api_token: str
+) -> None:
+    session = to_the_questions(client)
+    refusal = session.call("questionnaire", {"answers": {"effort": 9, "mood": "good"}})
+    assert refusal.status_code == 422
+    problem = refusal.json()
+    assert problem["type"] == "urn:pbpo-studio:problem:answers-refused"
+    assert problem["stage"] == "questionnaire"
+    assert {(fault["item"], fault["kind"]) for fault in problem["faults"]} == {
+        ("effort", "likert"),
+        ("mood", "unknown"),
+    }
+    assert session.look()["stage"] == "questionnaire"
+    assert client.table("questionnaires", api_token).empty
+
+
+def test_questions_cannot_be_passed_over_nor_answered_elsewhere(
+    client: Api, asking_study: StudyInfo
+) -> None:
+    session = client.start()
+    early = session.call("questionnaire", {"answers": {"effort": 1}})
+    assert (early.status_code, early.json()["stage"]) == (409, "consent")
+    session.to_first_query().respond("left")
+    over = session.go_on()
+    assert (over.status_code, over.json()["stage"]) == (409, "questionnaire")
+
+
+def test_the_page_keeps_what_was_given_and_says_what_is_wrong(
+    client: Api, asking_study: StudyInfo, clock: Clock
+) -> None:
+    session = to_the_questions(client)
+    client.cookies.set("pbpo_session_short", session.token)
+    page = client.get("/s/short").text
+    assert len(re.findall(r'type="radio" name="effort"', page)) == 7
+    assert 'role="alert"' not in page
+
+    assert client.post("/s/short/questionnaire", data={"effort": "5"}).status_code == 303
+    clock.forward(120)
+    while session.look()["stage"] != "questionnaire" or "'age'" not in str(session.state):
+        session.step("left", clock.forward)
+    refused = client.post("/s/short/questionnaire", data={"age": "12", "remarks": "<b>hm</b>"})
+    assert refused.status_code == 422
+    assert "Please give a number from 18 to 120." in refused.text
+    assert 'value="12"' in refused.text
+    assert "&lt;b&gt;hm&lt;/b&gt;" in refused.text
+    assert client.post("/s/short/questionnaire", data={"age": "20"}).status_code == 303
+    assert session.look()["stage"] == "debrief"

@@ -68,11 +68,14 @@ VARIANTS: Final[Mapping[str, Variant]] = {
     "without skips": Variant("pbpo-threshold", DEFAULT, may_skip=False),
     "boldness 1": _changed(threshold_boldness=(1.0,)),
     "boldness 2": _changed(threshold_boldness=(2.0,)),
+    "boldness 1, 3": _changed(threshold_boldness=(1.0, 3.0)),
     "length scale 0.1": _changed(threshold_length_scales=(0.1,)),
     "length scale 0.33": _changed(threshold_length_scales=(0.33,)),
     "epsilon 0.1": _changed(threshold_epsilon=0.1),
     "epsilon 1": _changed(threshold_epsilon=1.0),
-    "no random queries": _changed(random_queries=0),
+    "threshold as noisy as a choice": _changed(threshold_noise=1.0),
+    "covering first phase": _changed(threshold_covering=5),
+    "no first phase": _changed(random_queries=0),
 }
 
 

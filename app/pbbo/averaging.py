@@ -13,12 +13,12 @@ import numpy as np
 
 from app.pbbo.candidates import Candidates, FloatArray
 from app.pbbo.errors import FitError
-from app.pbbo.model import Posterior, posterior_of, unlearned
+from app.pbbo.model import Posterior, posterior_of, tally, unlearned
 from app.pbbo.preferences import Preference
 from app.pbbo.prior import prior_over
 from app.pbbo.settings import Settings
 from app.pbbo.synthesis import Skip
-from app.pbbo.threshold import prior_with_threshold, with_threshold
+from app.pbbo.threshold import prior_with_threshold, sharpness, with_threshold
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,6 +49,7 @@ def average_over(
 ) -> Average:
     """What the answers and skips say about the candidates and the threshold, or `FitError`."""
     comparisons = with_threshold(preferences, skips, len(candidates))
+    counted = tally(comparisons) if comparisons else None
     # Length scales are given for two parameters; typical distances grow with the root of how many.
     stretch = float(np.sqrt(candidates.points.shape[1] / 2.0))
     parts: list[Posterior] = []
@@ -60,9 +61,14 @@ def average_over(
                 settings.signal_variance,
             )
             parts.append(
-                posterior_of(prior, comparisons, settings.threshold_epsilon)
-                if comparisons
-                else unlearned(prior)
+                unlearned(prior)
+                if counted is None
+                else posterior_of(
+                    prior,
+                    counted,
+                    settings.threshold_epsilon,
+                    sharpness(counted, len(candidates), settings.threshold_noise),
+                )
             )
         except (FitError, np.linalg.LinAlgError) as error:
             failures.append(f"length scale {length_scale:g}: {error}")

@@ -79,7 +79,7 @@ def belief_over(
             prior = prior_over(candidates, length_scale, settings.signal_variance)
         if not preferences:
             return unlearned(prior)
-        return posterior_of(prior, preferences, settings.epsilon)
+        return posterior_of(prior, tally(preferences), settings.epsilon)
     except np.linalg.LinAlgError as error:
         raise FitError(f"model: {error} ({len(preferences)} preferences)") from error
 
@@ -112,8 +112,13 @@ class Whitened:
     answers: Answers
 
 
-def whitened(tally: "Tally", covariance: FloatArray, epsilon: float) -> Whitened:
-    """The answers in terms of independent variables; covariance: (p, p), prior, of those seen."""
+def whitened(
+    tally: "Tally", covariance: FloatArray, epsilon: float, sharpness: FloatArray | float = 1.0
+) -> Whitened:
+    """The answers in terms of independent variables; covariance: (p, p), prior, of those seen.
+
+    sharpness: (m,), how many times smaller than epsilon the noise of an answer is.
+    """
     root, info = lapack.dpotrf(covariance, lower=1, clean=1)
     if info != 0:
         raise FitError(f"model: the covariance of {len(covariance)} candidates does not factorise")
@@ -125,15 +130,17 @@ def whitened(tally: "Tally", covariance: FloatArray, epsilon: float) -> Whitened
         basis, _ = np.linalg.qr((root[compared[:, 0]] - root[compared[:, 1]]).T)
         features = features @ basis  # (m, r)
         whiten = basis.T @ whiten  # (r, p)
+    features = features * np.reshape(sharpness, (-1, 1))
     answers = Answers(features, tally.counts, float(np.sqrt(2.0)) * epsilon)
     return Whitened(tally.seen, whiten, answers)
 
 
-def posterior_of(prior: Prior, preferences: Sequence[Preference], epsilon: float) -> Posterior:
-    """The posterior over all candidates given at least one preference, or `FitError`."""
-    counted = tally(preferences)
+def posterior_of(
+    prior: Prior, counted: "Tally", epsilon: float, sharpness: FloatArray | float = 1.0
+) -> Posterior:
+    """The posterior over all candidates given at least one answer, or `FitError`."""
     seen = counted.seen
-    data = whitened(counted, prior.covariance[np.ix_(seen, seen)], epsilon)
+    data = whitened(counted, prior.covariance[np.ix_(seen, seen)], epsilon, sharpness)
     q = fit(data.answers)
 
     reach = prior.covariance[:, seen] @ data.whiten.T  # (n, r)

@@ -12,6 +12,7 @@ import numpy as np
 
 from app.pbbo.acquisition import random_pair, thompson_pair
 from app.pbbo.candidates import Candidates, FloatArray
+from app.pbbo.covering import covering
 from app.pbbo.errors import (
     FitError,
     HistoryError,
@@ -202,7 +203,11 @@ class PreferenceOptimizer:
             rng = generator(self._seed, Purpose.KNOCKOUT, index)
             opponent = challenger(rng, len(self._candidates), winner, self._last)
             return "model", "knockout", (winner, opponent)
-        if self._learned.answers < self._settings.random_queries:
+        if self._method.threshold and self._settings.threshold_covering:
+            covering_pair = self._covering_pair(index)
+            if covering_pair is not None:
+                return "random", "covering", covering_pair
+        elif self._learned.answers < self._settings.random_queries:
             return "random", "random", self._random_pair(index)
         try:
             return "model", *self._model_pair(index)
@@ -225,6 +230,16 @@ class PreferenceOptimizer:
         rng = generator(self._seed, Purpose.THOMPSON, index)
         pair = thompson_pair(rng, belief.draw, len(self._candidates), self._last)
         return self._settings.acquisition, pair
+
+    def _covering_pair(self, index: int) -> tuple[int, int] | None:
+        """The pair of the first, covering phase at this index, or None after it."""
+        if index >= self._settings.threshold_covering:
+            return None
+        rng = generator(self._seed, Purpose.COVERING, 0)
+        rows = covering(rng, self._candidates.points, 2 * self._settings.threshold_covering)
+        # Few candidates are covered before the phase is over.
+        pair = rows[2 * index : 2 * index + 2]
+        return (int(pair[0]), int(pair[1])) if len(pair) == 2 else None
 
     def _random_pair(self, index: int) -> tuple[int, int]:
         rng = generator(self._seed, Purpose.RANDOM_PAIR, index)

@@ -30,7 +30,7 @@ class Query:
     index: 0 for the first query of the trial.
     trial_type: "random" when drawn without regard to the answers, otherwise "model".
     acquisition: what chose it: "random", "random-fallback" (the model could not be fitted),
-        "thompson", "knockout".
+        "thompson", "knockout", "covering", "best-option".
     seed: the trial's seed; with `index` it determines every draw made for this query.
     """
 

@@ -26,7 +26,7 @@ class Purpose(IntEnum):
     UNINFORMED = 5
     KNOCKOUT = 6
     SCORE = 7
-    BEST_OPTION = 8
+    COVERING = 8
 
 
 def checked_seed(seed: object) -> int:

@@ -27,6 +27,9 @@ LARGEST_SIGNAL_TO_NOISE: Final = 1e5
 # Below, every answer is a coin flip to within float64's rounding, whatever the candidates are.
 SMALLEST_SIGNAL_TO_NOISE: Final = 1e-6
 
+# Noise of a comparison with the threshold over that of two candidates; its inverse is the largest.
+SHARPEST_THRESHOLD: Final = 0.01
+
 
 def ordinary_length_scale(paper_length_scale: float) -> float:
     """The ordinary length scale of a kernel the paper writes as exp(-d^2 / (2 l))."""
@@ -54,6 +57,9 @@ class Settings:
     threshold_length_scales: the length scales averaged over, for two parameters; for d parameters
         they are stretched by sqrt(d / 2), as typical distances are.
     threshold_epsilon: noise of an answer, as `epsilon`.
+    threshold_noise: noise of a comparison with the threshold, as a share of `threshold_epsilon`.
+    threshold_covering: how many queries at first cover the space, whatever the answers, in place
+        of `random_queries`; with 0, these are random as for the other methods.
     threshold_boldness: how bold the choice of a query is, for one query after the other, from the
         first again after the last.
     """
@@ -65,12 +71,20 @@ class Settings:
     optimise_kernel: bool = False
     acquisition: Acquisition = "thompson"
     scale_candidates: bool = True
-    threshold_length_scales: tuple[float, ...] = (0.07, 0.1, 0.15, 0.22, 0.33, 0.5)
+    threshold_length_scales: tuple[float, ...] = (0.07, 0.12, 0.22, 0.4, 0.7)
     threshold_epsilon: float = 0.3
-    threshold_boldness: tuple[float, ...] = (1.0, 3.0)
+    threshold_noise: float = 0.4
+    threshold_covering: int = 0
+    threshold_boldness: tuple[float, ...] = (1.0, 1.0, 3.0)
 
     def __post_init__(self) -> None:
-        for name in ("length_scale", "epsilon", "signal_variance", "threshold_epsilon"):
+        for name in (
+            "length_scale",
+            "epsilon",
+            "signal_variance",
+            "threshold_epsilon",
+            "threshold_noise",
+        ):
             object.__setattr__(self, name, positive(name, getattr(self, name)))
         for name in ("threshold_length_scales", "threshold_boldness"):
             object.__setattr__(self, name, several(name, getattr(self, name)))
@@ -78,7 +92,13 @@ class Settings:
             within_reach(length_scale)
         for name in ("epsilon", "threshold_epsilon"):
             audible(name, getattr(self, name), self.signal_variance)
+        if not SHARPEST_THRESHOLD <= self.threshold_noise <= 1.0 / SHARPEST_THRESHOLD:
+            raise SettingsError(
+                f"threshold_noise: expected {SHARPEST_THRESHOLD:g} to {1 / SHARPEST_THRESHOLD:g}, "
+                f"got {self.threshold_noise!r}"
+            )
         whole("random_queries", self.random_queries)
+        whole("threshold_covering", self.threshold_covering)
         for name in ("optimise_kernel", "scale_candidates"):
             flag(name, getattr(self, name))
         if self.acquisition not in ACQUISITIONS:

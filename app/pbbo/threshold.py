@@ -7,7 +7,8 @@ both lie below t, so probably f(A) > t.
 
 t gets a Gaussian prior, independent of f, and the place behind the last candidate. Then all of
 these are probit observations of a difference of two latent values, as every answer is, and the same
-inference serves. A comparison with t is given the noise of a comparison of two candidates.
+inference serves. A comparison with t has less noise than one of two candidates: one run is seen
+against what is expected of any, and no two have to be weighed against each other.
 """
 
 from collections.abc import Sequence
@@ -16,6 +17,7 @@ from typing import Final
 import numpy as np
 
 from app.pbbo.candidates import FloatArray
+from app.pbbo.model import Tally
 from app.pbbo.preferences import Preference
 from app.pbbo.prior import Prior
 from app.pbbo.synthesis import Skip
@@ -38,6 +40,15 @@ def with_threshold(
             Preference(n, below, "answer", skip.query_index) for below in (skip.left, skip.right)
         ]
     return tuple(comparisons)
+
+
+def sharpness(counted: Tally, n: int, noise: float) -> FloatArray:
+    """1 for a comparison of two candidates, 1 / noise for one with the threshold, number n; (m,).
+
+    noise: of a comparison with the threshold, as a share of that of two candidates.
+    """
+    threshold = counted.seen == n  # (p,)
+    return np.where(threshold[counted.winner] | threshold[counted.loser], 1.0 / noise, 1.0)
 
 
 def prior_with_threshold(prior: Prior, signal_variance: float) -> Prior:

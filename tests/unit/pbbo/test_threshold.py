@@ -118,8 +118,10 @@ def test_functions_drawn_from_the_mixture_have_its_mean_and_spread() -> None:
 
 
 def test_the_same_history_and_seed_give_the_same_queries() -> None:
+    settings = Settings(random_queries=3)
+
     def walk() -> list[tuple[int, int, str]]:
-        optimizer = PreferenceOptimizer(TRIANGLE, "pbpo-threshold", 5)
+        optimizer = PreferenceOptimizer(TRIANGLE, "pbpo-threshold", 5, settings)
         asked = []
         for _ in range(9):
             query = optimizer.ask()
@@ -130,7 +132,7 @@ def test_the_same_history_and_seed_give_the_same_queries() -> None:
         return asked
 
     assert walk() == walk()
-    assert walk()[-1][2] != "random"
+    assert walk()[-1][2] == "best-option"
 
 
 @pytest.mark.parametrize(
@@ -174,6 +176,26 @@ def test_two_candidates_and_six_dimensions_are_served() -> None:
         many.tell(query, response)
 
 
+def test_the_first_queries_cover_the_space_whatever_is_answered() -> None:
+    settings = Settings(threshold_covering=5)
+    shown: list[list[int]] = []
+    for response in ("left", "skip"):
+        optimizer = PreferenceOptimizer(TRIANGLE, "pbpo-threshold", 8, settings)
+        seen: list[int] = []
+        for _ in range(5):
+            query = optimizer.ask()
+            assert (query.trial_type, query.acquisition) == ("random", "covering")
+            seen += [query.left, query.right]
+            optimizer.tell(query, response)
+        assert optimizer.ask().trial_type == "model"
+        shown.append(seen)
+
+    assert shown[0] == shown[1]
+    away = np.linalg.norm(TRIANGLE[:, None] - TRIANGLE[shown[0]][None], axis=2)
+    assert len(set(shown[0])) == 10
+    assert away.min(axis=1).max() < 0.3
+
+
 @pytest.mark.parametrize(
     ("given", "message"),
     [
@@ -182,6 +204,9 @@ def test_two_candidates_and_six_dimensions_are_served() -> None:
         ({"threshold_length_scales": 0.1}, r"threshold_length_scales: expected a list"),
         ({"threshold_length_scales": [1e-9]}, r"length_scale: expected 0.0001 to"),
         ({"threshold_epsilon": 1e-9}, r"threshold_epsilon: expected sqrt"),
+        ({"threshold_noise": 0}, r"threshold_noise: expected a finite number above 0"),
+        ({"threshold_noise": 1e-3}, r"threshold_noise: expected 0.01 to 100"),
+        ({"threshold_covering": 1.5}, r"threshold_covering: expected a whole number"),
         ({"threshold_epsilon": "quiet"}, r"threshold_epsilon: expected a number"),
     ],
 )

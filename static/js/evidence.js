@@ -28,6 +28,9 @@ export class EvidenceLog {
     this.#playingAt = NaN;
     this.add("shown");
     this.add(document.visibilityState);
+    if (document.fullscreenElement) {
+      this.add("fullscreen", null, 1);
+    }
   }
 
   /** @param {number} at when the later of the two began to play */

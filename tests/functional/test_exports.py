@@ -37,7 +37,8 @@ ACQUIRED = [
 EVENTS = ["session_id", "trial_index", "query_index", "event", "side", "time_ms", "value"]
 IN_THE_ZIP = [
     *("queries", "preferences", "acquired", "sessions", "participants", "questionnaires"),
-    *("deletions", "events", "faults", "recordings", "data_dictionary"),
+    *("deletions", "events", "evidence", "faults", "recordings"),
+    "data_dictionary",
 ]
 PLATFORM_ID = "5f0c1ada-prolific"
 
@@ -219,7 +220,7 @@ def test_the_dictionary_lists_every_column_of_every_file_in_order(walked: Walked
     for name in (*IN_THE_ZIP, "identities"):
         described = dictionary.loc[dictionary["file"] == f"{name}.csv", "column"].to_list()
         assert described == walked.table(name).columns.to_list()
-    assert set(dictionary["type"]) <= {"string", "integer", "number", "datetime"}
+    assert set(dictionary["type"]) <= {"string", "integer", "number", "boolean", "datetime"}
     assert dictionary["description"].str.len().min() > 3
     assert dictionary["file"].nunique() == len(IN_THE_ZIP) + 1
     units = dictionary.set_index(["file", "column"])["unit"]

@@ -35,7 +35,7 @@ class Request:
 
 @dataclass(frozen=True)
 class Column:
-    """One column. `type` is string, integer, number or datetime."""
+    """One column. `type` is string, integer, number, boolean (true, false) or datetime."""
 
     name: str
     type: str
@@ -63,6 +63,10 @@ def integer(name: str, description: str, unit: str = "") -> Column:
 
 def number(name: str, description: str, unit: str = "") -> Column:
     return Column(name, "number", unit, description)
+
+
+def boolean(name: str, description: str) -> Column:
+    return Column(name, "boolean", "", description)
 
 
 def moment(name: str, description: str) -> Column:

@@ -12,6 +12,7 @@ from .answers import ACQUIRED, EVENTS, PREFERENCES, QUERIES
 from .columns import Column, Request, Row, Table, text
 from .evidence import FAULTS
 from .people import DELETIONS, IDENTITIES, PARTICIPANTS, QUESTIONNAIRES, SESSIONS
+from .playback import PLAYBACK
 from .stimuli import RECORDINGS
 
 
@@ -19,7 +20,7 @@ def _dictionary_columns(_plan: Plan) -> tuple[Column, ...]:
     return (
         text("file", "File that the column is in."),
         text("column", "Name of the column."),
-        text("type", "string, integer, number or datetime."),
+        text("type", "string, integer, number, boolean (true or false) or datetime."),
         text("unit", "Unit of the values, where they have one."),
         text("description", "What the column holds."),
     )
@@ -51,6 +52,7 @@ ZIPPED = (
     QUESTIONNAIRES,
     DELETIONS,
     EVENTS,
+    PLAYBACK,
     FAULTS,
     RECORDINGS,
     DATA_DICTIONARY,

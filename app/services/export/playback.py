@@ -1,0 +1,143 @@
+"""The table of what the browser saw of each answered query, summed up from its events."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import groupby
+
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from app.storage.tables import Event, QueryRow, Response, SessionRow, Trial
+from app.study.plan import Plan
+
+from .cells import Value
+from .columns import (
+    QUERY,
+    SESSION,
+    TRIAL,
+    Column,
+    Request,
+    Row,
+    Table,
+    boolean,
+    fetch,
+    integer,
+    number,
+    of_sessions,
+)
+
+#: What the server adds when what was seen so far does not belong to the answer that stays.
+CLOSINGS = frozenset({"set_aside", "undone"})
+
+#: A session's key in the database, a trial's index, a query's index.
+Place = tuple[int, int, int]
+
+
+def _columns(_plan: Plan) -> tuple[Column, ...]:
+    return (
+        SESSION,
+        TRIAL,
+        QUERY,
+        integer("replays", "How often both videos were played again."),
+        number("left_watched", "Part of the left video that was played at least once, 0 to 1."),
+        number("right_watched", "Part of the right video that was played at least once, 0 to 1."),
+        integer("dropped_frames", "Frames that the browser dropped, of both videos."),
+        integer("stalls", "How often a video halted because it had not arrived."),
+        number("start_skew_ms", "How far apart the two first began to move.", "ms"),
+        number("worst_drift_ms", "How far apart the two were at most while they played.", "ms"),
+        number("left_width_px", "Width of the left video on the page.", "px"),
+        number("right_width_px", "Width of the right video on the page.", "px"),
+        boolean("hidden", "Whether the page was hidden at some time, as by another tab."),
+        boolean("blurred", "Whether the window lost the focus at some time."),
+        boolean("fullscreen", "Whether the pair was enlarged at some time."),
+    )
+
+
+def _rows(session: Session, request: Request) -> Iterator[Row]:
+    seen = _events_by_place(session, request)
+    at, events = next(seen, (None, ()))
+    answered = of_sessions(
+        select(SessionRow.id, SessionRow.public_id, Trial.trial_index, QueryRow.query_index)
+        .join(Trial, QueryRow.trial_id == Trial.id)
+        .join(SessionRow, Trial.session_id == SessionRow.id)
+        .join(Response, Response.query_id == QueryRow.id),
+        request,
+    ).order_by(SessionRow.id, Trial.trial_index, QueryRow.query_index)
+    for session_id, public_id, trial_index, query_index in fetch(session, answered):
+        place = (session_id, trial_index, query_index)
+        # Both come in the same order: one walk through each.
+        while at is not None and at < place:
+            at, events = next(seen, (None, ()))
+        yield (public_id, trial_index, query_index, *_summary(events if at == place else ()))
+
+
+def _events_by_place(
+    session: Session, request: Request
+) -> Iterator[tuple[Place | None, Sequence[Event]]]:
+    statement = of_sessions(
+        select(SessionRow.id, Event).join(SessionRow, Event.session_id == SessionRow.id), request
+    ).order_by(SessionRow.id, Event.trial_index, Event.query_index, Event.id)
+
+    def place(row: tuple[int, Event]) -> Place:
+        return row[0], row[1].trial_index, row[1].query_index
+
+    for at, rows in groupby(fetch(session, statement), key=place):
+        yield at, [event for _, event in rows]
+
+
+def _summary(events: Sequence[Event]) -> Row:
+    """The columns after the place; all empty where the browser told nothing."""
+    closed = [place for place, event in enumerate(events) if event.event in CLOSINGS]
+    events = events[closed[-1] + 1 :] if closed else events
+    if not events:
+        return (None,) * 12
+
+    def of(name: str, side: str | None = None) -> list[Event]:
+        return [event for event in events if event.event == name and side in (None, event.side)]
+
+    return (
+        _whole(_last(of("replays")), len(of("replay"))),
+        _last(of("watched", "left")),
+        _last(of("watched", "right")),
+        _whole(_total(_last(of("dropped_frames", side)) for side in ("left", "right"))),
+        len(of("stall")),
+        _last(of("start_skew")),
+        _last(of("worst_drift")),
+        _last(of("width", "left")),
+        _last(of("width", "right")),
+        bool(of("hidden")),
+        bool(of("blur")),
+        any(_number(event.value) == 1 for event in of("fullscreen")),
+    )
+
+
+def _number(value: str | None) -> float | None:
+    """An event's value as a number; any program may have sent any text."""
+    try:
+        number = float(value or "")
+    except ValueError:
+        return None
+    return number if math.isfinite(number) else None
+
+
+def _last(events: Sequence[Event]) -> float | None:
+    return _number(events[-1].value) if events else None
+
+
+def _total(numbers: Iterable[float | None]) -> float | None:
+    told = [number for number in numbers if number is not None]
+    return sum(told) if told else None
+
+
+def _whole(number: float | None, otherwise: int | None = None) -> Value:
+    return otherwise if number is None else int(number)
+
+
+PLAYBACK = Table(
+    "evidence",
+    "How each answered query was watched: playback, size, focus.",
+    _columns,
+    _rows,
+)

@@ -49,6 +49,7 @@ class Mode(StrEnum):
     live = "live"
     preview = "preview"
     simulated = "simulated"
+    all = "all"
 
 
 class CraneEnvironment(StrEnum):
@@ -226,7 +227,8 @@ def export(
     out_dir: Annotated[Path, typer.Option("--out", help="Folder to write to.")],
     format: Annotated[str, typer.Option(help="csv")] = "csv",  # noqa: A002 - the option's name
     mode: Annotated[
-        list[Mode] | None, typer.Option(help="Which sessions count; may be repeated.")
+        list[Mode] | None,
+        typer.Option(help="Which sessions count; may be repeated. Default: live."),
     ] = None,
     table: Annotated[
         list[str] | None, typer.Option(help="Only these tables; identities only so.")
@@ -235,6 +237,7 @@ def export(
 ) -> None:
     """Write a study's tables into a folder."""
     from app.services.export import TABLES, ZIPPED, Request, csv_stream
+    from app.services.results import MODES
 
     if format != "csv":
         raise ServiceError(f"expected --format csv, got {format!r}")
@@ -242,7 +245,8 @@ def export(
     if unknown:
         raise ServiceError(f"expected tables among {', '.join(TABLES)}, got {unknown[0]!r}")
     studio = studio_of(data_dir)
-    request = Request(studies.find(studio, slug), tuple(mode or [Mode.live]))
+    modes = MODES if mode and Mode.all in mode else tuple(mode or [Mode.live])
+    request = Request(studies.find(studio, slug), modes)
     out_dir.mkdir(parents=True, exist_ok=True)
     for chosen in [TABLES[name] for name in table] if table else ZIPPED:
         path = out_dir / f"{chosen.name}.csv"
@@ -259,13 +263,20 @@ def simulate(
     sessions: Annotated[int, typer.Option(min=1, max=10_000, help="How many sessions.")] = 1,
     evaluator: Annotated[EvaluatorKind, typer.Option(help="Who answers.")] = EvaluatorKind.certain,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the uncertain evaluator.")] = 0,
+    eta: Annotated[
+        float | None,
+        typer.Option(min=0, help="Steepness per unit of score. Default: by the scores' spread."),
+    ] = None,
     data_dir: DataDir = None,
 ) -> None:
-    """Let simulated evaluators walk through an open study; their data is marked as simulated."""
+    """Let simulated evaluators walk through a study; their data is marked as simulated."""
     from app.simulation import run
 
-    done = run(settings_of(data_dir), slug, sessions, evaluator.value, seed)
-    out.print(f"{done} simulated sessions of {slug} were completed.")
+    done = run(settings_of(data_dir), slug, sessions, evaluator.value, seed, eta)
+    out.print(f"{done.completed} simulated sessions of {slug} were completed.")
+    out.print(f"They skipped, where they could, when both scores lay below {done.skip_below:.4g}.")
+    if done.eta is not None:
+        out.print(f"Their choices had a steepness (eta) of {done.eta:.4g} per unit of score.")
 
 
 @media_app.command("render")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable, Hashable
 from concurrent.futures import Future
+from dataclasses import dataclass
 from datetime import datetime, timedelta
 from typing import Any, TypeVar
 
@@ -27,15 +28,25 @@ from app.storage.tables import Candidate, Recording
 
 T = TypeVar("T")
 
+#: Steepness of the published evaluator (0.08) times the spread of the published scores (23.4).
+ETA_PER_SPREAD = 0.08 * 23.4
+
+#: Nobody takes longer: simulated sessions begin so long before now.
+LONGEST_SESSION = timedelta(hours=6)
+
 #: The account that simulated sessions are started by; its password is thrown away.
 EMAIL = "simulation@pbpo.example"
 
 
 class SkippedClock:
-    """The time of day plus what simulated evaluators would have waited."""
+    """A clock that passes over what simulated evaluators would have waited.
 
-    def __init__(self) -> None:
-        self._ahead = timedelta()
+    It begins as long ago as a session may take, so that nothing happens in the future.
+    """
+
+    def __init__(self, longest: timedelta) -> None:
+        self._longest = longest
+        self._ahead = -longest
 
     def now(self) -> datetime:
         return utc_now() + self._ahead
@@ -43,8 +54,8 @@ class SkippedClock:
     async def wait(self, seconds: float) -> None:
         self._ahead += timedelta(seconds=seconds)
 
-    def back_to_today(self) -> None:
-        self._ahead = timedelta()
+    def begin_again(self) -> None:
+        self._ahead = -self._longest
 
 
 class NothingAhead(Background):
@@ -59,36 +70,59 @@ class NothingAhead(Background):
         return Future()
 
 
-def run(settings: Settings, slug: str, sessions: int, kind: str, seed: int) -> int:
-    """Walk `sessions` simulated evaluators through a study; how many completed it."""
-    clock = SkippedClock()
+@dataclass(frozen=True)
+class Simulated:
+    """What came of a simulation, and how its evaluators decided."""
+
+    completed: int
+    skip_below: float
+    eta: float | None
+
+
+def run(
+    settings: Settings, slug: str, sessions: int, kind: str, seed: int, eta: float | None = None
+) -> Simulated:
+    """Walk `sessions` simulated evaluators through a study.
+
+    eta: steepness of the uncertain evaluator, per unit of score; None: one that decides between
+    this study's scores as the published one does between the crane's.
+    """
+    clock = SkippedClock(LONGEST_SESSION)
     studio = open_studio(settings, now=clock.now, background=NothingAhead(1))
     try:
-        return asyncio.run(_run(studio, clock, slug, sessions, kind, seed))
+        return asyncio.run(_run(studio, clock, slug, sessions, kind, seed, eta))
     finally:
         studio.close()
 
 
 async def _run(
-    studio: Studio, clock: SkippedClock, slug: str, sessions: int, kind: str, seed: int
-) -> int:
+    studio: Studio,
+    clock: SkippedClock,
+    slug: str,
+    sessions: int,
+    kind: str,
+    seed: int,
+    eta: float | None,
+) -> Simulated:
     scores = scores_by_url(studio, slug)
-    skip_below = float(np.mean(list(scores.values())))
+    values = np.array(list(scores.values()))
+    skip_below = float(values.mean())
+    eta = ETA_PER_SPREAD / max(float(values.std()), 1e-12) if eta is None else eta
     token = _token(studio)
     transport = httpx.ASGITransport(create_app(studio=studio))
     completed = 0
     async with httpx.AsyncClient(transport=transport, base_url="http://simulation") as client:
         for index in track(range(sessions), "simulating", transient=True):
-            clock.back_to_today()
+            clock.begin_again()
             rng = np.random.default_rng([seed, index])
             evaluator: Evaluator = (
-                Certain(skip_below) if kind == "certain" else Uncertain(rng, skip_below)
+                Certain(skip_below) if kind == "certain" else Uncertain(rng, skip_below, eta)
             )
             state = await walk(
                 client, slug, evaluator, scores, mode="simulated", api_token=token, wait=clock.wait
             )
             completed += state["stage"] == "completed"
-    return completed
+    return Simulated(completed, skip_below, eta if kind == "uncertain" else None)
 
 
 def scores_by_url(studio: Studio, slug: str) -> dict[str, float]:

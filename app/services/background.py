@@ -10,6 +10,7 @@ from __future__ import annotations
 import logging
 import multiprocessing
 import os
+import signal
 import threading
 from collections import OrderedDict
 from collections.abc import Callable, Hashable
@@ -33,6 +34,8 @@ def _end_with_parent() -> None:
             os._exit(0)
 
     threading.Thread(target=watch, daemon=True).start()
+    # Ctrl+C reaches the whole group of processes: it is the server's to answer.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     # A video for later must never take the processor from a page that is asked for now.
     os.nice(10)
 

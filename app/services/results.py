@@ -90,16 +90,24 @@ def sessions(studio: Studio, slug: str, mode: str | None) -> list[SessionLine]:
         select(
             Trial.session_id,
             func.count(Response.id).label("answered"),
+            func.count(Trial.id.distinct()).label("trials"),
             func.sum(case((Response.response == "skip", 1), else_=0)).label("skips"),
         )
         .join(QueryRow, QueryRow.trial_id == Trial.id)
         .join(Response, Response.query_id == QueryRow.id)
+        .where(Trial.trial_index >= 0)
         .group_by(Trial.session_id)
         .subquery()
     )
     study = studies.find(studio, slug)
     statement = (
-        select(SessionRow, Participant.pseudonym, answered.c.answered, answered.c.skips)
+        select(
+            SessionRow,
+            Participant.pseudonym,
+            answered.c.answered,
+            answered.c.skips,
+            answered.c.trials,
+        )
         .join(Participant, SessionRow.participant_id == Participant.id)
         .outerjoin(answered, answered.c.session_id == SessionRow.id)
         .where(SessionRow.study_id == study.id)
@@ -109,8 +117,12 @@ def sessions(studio: Studio, slug: str, mode: str | None) -> list[SessionLine]:
         statement = statement.where(SessionRow.mode == mode)
     with studio.database.read() as session:
         lines = []
-        for row, pseudonym, responses, skips in session.execute(statement):
+        for row, pseudonym, responses, skips, begun in session.execute(statement):
             where = position(studies.stored_plan(row.plan), read_progress(row))
+            if row.stage == Stage.WITHDRAWN and begun:
+                # Who left has no place in the protocol any more: where the last answer was given.
+                before = (begun - 1) * where["queries"]
+                where = {**where, "trial": begun, "query": responses - before}
             lines.append(
                 SessionLine(
                     session_id=row.public_id,

@@ -225,6 +225,7 @@ def _file_candidates(
                 public_id=new_public_id(),
                 source=recordings.FILE,
                 locator=studio.recordings.keep_file(folder.root / row.file, row.sha256),
+                file=row.file,
                 duration_s=row.duration_s,
                 score=row.score,
             )

@@ -50,7 +50,8 @@ def open_studio(
     # A fit takes some milliseconds on one processor, and several times that if every fit of every
     # evaluator tries to have them all.
     threadpool_limits(1, user_api="blas")
-    settings.data_dir.mkdir(parents=True, exist_ok=True)
+    # What people answered, and who they are, is for the eyes of the server's own user.
+    settings.data_dir.mkdir(parents=True, exist_ok=True, mode=0o700)
     settings.media_dir.mkdir(parents=True, exist_ok=True)
     migrate(settings.url)
     database = Database(settings.url)

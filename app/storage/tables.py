@@ -112,6 +112,8 @@ class Recording(Base):
     source: Mapped[str] = mapped_column(String(10))
     # For a file: its content's SHA-256 and ending. For the crane: environment/candidate/run.
     locator: Mapped[str] = mapped_column(String(200))
+    # What the experimenter's own file was called; None for the crane.
+    file: Mapped[str | None] = mapped_column(Text)
     duration_s: Mapped[float]
     score: Mapped[float | None]
 

@@ -12,6 +12,7 @@ from app.study.files import misplaced, read_text
 from app.study.plan import LANGUAGE_PATTERN, Plan
 from app.study.plan_source import STUDY_FILE, PlanReading, SettingsCheck, read_plan
 from app.study.recordings import RecordingRow, RecordingsReader, candidates_of
+from app.study.texts import placeholders
 
 TEXT_NAMES = ("consent", "instructions", "debrief")
 
@@ -103,6 +104,10 @@ def _read_texts(
                 continue
             if not text.strip():
                 faults.append(Fault(file, None, "expected some text, got an empty file"))
+            faults.extend(
+                Fault(file, line, f"expected words of your own, got the placeholder {placeholder}")
+                for line, placeholder in placeholders(text)
+            )
             texts[language][name] = text
     return texts, faults
 

@@ -131,6 +131,9 @@ class RecordingsReader:
         expected = [*names, FILE_COLUMN]
         allowed = [*expected, SCORE_COLUMN]
         came = ", ".join(header)
+        if len(header) == 1 and ";" in header[0]:
+            self._fault(source, line, f"expected columns separated by commas, got {came}")
+            return False
         problems = [
             f"expected a column {name}, got {came}" for name in expected if name not in header
         ]

@@ -1,6 +1,7 @@
 """A study's texts: Markdown to safe HTML, and the version of a consent text."""
 
 import hashlib
+import re
 import unicodedata
 from collections.abc import Sequence
 from typing import Any
@@ -15,6 +16,9 @@ from markdown_it.utils import EnvType, OptionsDict
 FIRST_HEADING_LEVEL = 2
 LAST_HEADING_LEVEL = 6
 CONSENT_VERSION_DIGITS = 12
+
+
+_PLACEHOLDER = re.compile(r"(?<![\]!])\[[^\]\[]+\](?![(\[:])")
 
 
 def render(markdown: str) -> str:
@@ -64,3 +68,15 @@ def _markdown() -> Any:
 
 
 _MARKDOWN = _markdown()
+
+
+def placeholders(markdown: str) -> list[tuple[int, str]]:
+    """Where the example's `[your words here]` still stand: line, from 1, and placeholder.
+
+    A link's `[text](address)` and a reference's `[text][name]` or `[name]: address` are none.
+    """
+    return [
+        (number, found.group())
+        for number, line in enumerate(markdown.splitlines(), start=1)
+        for found in _PLACEHOLDER.finditer(line)
+    ]

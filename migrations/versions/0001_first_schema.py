@@ -185,6 +185,7 @@ def upgrade() -> None:
         sa.Column("public_id", sa.String(length=32), nullable=False),
         sa.Column("source", sa.String(length=10), nullable=False),
         sa.Column("locator", sa.String(length=200), nullable=False),
+        sa.Column("file", sa.Text(), nullable=True),
         sa.Column("duration_s", sa.Double(), nullable=False),
         sa.Column("score", sa.Double(), nullable=True),
         sa.CheckConstraint("source IN ('file', 'crane')", name=op.f("ck_recordings_source")),

@@ -70,15 +70,8 @@ def test_the_command_prints_the_table_and_keeps_every_trial(
 ) -> None:
     file = tmp_path / "trials.csv"
 
-    variants = list(VARIANTS)[:2]
-    main(
-        [
-            *"--trials 2 --queries 2 --problems branin --csv".split(),
-            str(file),
-            "--variants",
-            *variants,
-        ]
-    )
+    few = ["--trials", "2", "--queries", "2", "--problems", "branin", "--csv", str(file)]
+    main([*few, "--variants", *list(VARIANTS)[:2]])
 
     assert capsys.readouterr().out.count("| pbpo") == 2
     assert len(file.read_text().splitlines()) == 1 + 4

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from pathlib import Path
 
 import pytest
 from fastapi import FastAPI
 
 from app.main import create_app
 from app.services import accounts, studies
+from app.services.settings import Settings
 from app.services.studies import StudyInfo
-from app.services.studio import Studio
-from tests.conftest import SHORT_PLAN, StudyShelf
+from app.services.studio import Studio, open_studio
+from tests.conftest import SHORT_PLAN, Idle, StudyShelf
 
 from .client import Api
 
@@ -22,9 +24,20 @@ EMAIL = "ada@lab.example"
 PASSWORD = "correct horse battery"
 
 
+@pytest.fixture(scope="session")
+def _assembled(tmp_path_factory: pytest.TempPathFactory, media_dir: Path) -> Iterator[FastAPI]:
+    """One application for all tests: putting its routes together takes longer than most tests."""
+    settings = Settings(data_dir=tmp_path_factory.mktemp("unused"), media_dir=media_dir)
+    studio = open_studio(settings, background=Idle(1))
+    yield create_app(studio=studio)
+    studio.close()
+
+
 @pytest.fixture
-def application(studio: Studio) -> FastAPI:
-    return create_app(studio=studio)
+def application(_assembled: FastAPI, studio: Studio) -> FastAPI:
+    """The application over this test's studio."""
+    _assembled.state.studio = studio
+    return _assembled
 
 
 @pytest.fixture

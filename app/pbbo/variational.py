@@ -55,11 +55,14 @@ MEAN_STEPS: Final = 8
 ROUNDING: Final = 1e-9
 # Most a site may change in one step: a factor of e^5.
 LONGEST_STEP: Final = 5.0
-# Where answers are this many, and this many per variable, Newton steps are found iteratively, to
-# within SOLVED: a better direction would not be a better step.
-MANY_ANSWERS: Final = 500
-MANY_PER_VARIABLE: Final = 3
+# How the equations of a Newton step are solved, by the number of answers; see `solve_sites`.
+FEW: Final = 100
+VERY_MANY: Final = 500
+VERY_MANY_PER_VARIABLE: Final = 3
+# Where iteratively: to within a share of the residual, since a better direction of a step that is
+# itself only so good would not be a better step.
 SOLVED: Final = 0.03
+SOLVED_SHARE: Final = 0.1
 MOST_DIRECTIONS: Final = 30
 # A site this small next to the prior's precision says nothing; below it, logarithms would chase
 # answers that the others already imply.
@@ -258,7 +261,7 @@ def ascend(
     for _ in range(STEPS):
         if best < tolerance:
             return state
-        moved = newton_step(answers, state, floor) or natural_step(answers, state)
+        moved = newton_step(answers, state, floor, best) or natural_step(answers, state)
         if moved is None:
             break
         state = moved
@@ -280,11 +283,12 @@ def residual(state: State, floor: FloatArray) -> float:
     return max(sqrt(float(whitened @ whitened)), float(np.abs(weight * error).max()))
 
 
-def newton_step(answers: Answers, state: State, floor: FloatArray) -> State | None:
+def newton_step(answers: Answers, state: State, floor: FloatArray, error: float) -> State | None:
     """One joint Newton step on mean and log-sites, shortened until the bound rises."""
     features = answers.features
     held = state.q.sites + floor
     wanted = state.curvature + floor
+    # With the covariance at hand in place of the one aimed for, steps go astray.
     root = factor(precision_of(features, state.curvature))
     if root is None:
         return None
@@ -293,12 +297,10 @@ def newton_step(answers: Answers, state: State, floor: FloatArray) -> State | No
 
     # Eliminating the mean leaves one equation per site.
     right = np.log(wanted / held) - state.third / wanted * (whitened @ ahead)
-    many = len(held) > MANY_ANSWERS and len(held) > MANY_PER_VARIABLE * len(root)
-    solve = solve_iteratively if many else solve_directly
-    log_step = solve(state, ahead, held, wanted, right)
-    if log_step is None:
+    tolerance = min(SOLVED, error * SOLVED_SHARE)
+    log_step, fall = solve_sites(state, ahead, held, wanted, right, tolerance)
+    if not np.isfinite(log_step).all():
         return None
-    fall = fall_of_variance(state.spread, held * log_step)
     pull = state.gradient - 0.5 * ((state.third * fall) @ features)
     mean_step, _ = lapack.dpotrs(root, pull, lower=1)
 
@@ -322,41 +324,53 @@ def fall_of_variance(spread: FloatArray, change: FloatArray) -> FloatArray:
     return fall
 
 
-def solve_directly(
-    state: State, ahead: FloatArray, held: FloatArray, wanted: FloatArray, right: FloatArray
-) -> FloatArray | None:
-    """The Newton step of the log-sites by elimination; None where there is none."""
-    squared = state.spread.T @ state.spread
-    squared *= squared  # fall of each variance per site, (m, m)
-    squared *= held  # ... per log-site
-    system = ahead.T @ (ahead @ (state.third[:, None] * squared))
-    system *= state.third[:, None]
-    squared *= state.fourth[:, None]
-    system += squared
-    system *= (-0.5 / wanted)[:, None]
-    system.flat[:: len(held) + 1] += 1.0
-    _, _, step, info = lapack.dgesv(system, right)
-    return step if info == 0 and np.isfinite(step).all() else None
+def solve_sites(
+    state: State,
+    ahead: FloatArray,
+    held: FloatArray,
+    wanted: FloatArray,
+    right: FloatArray,
+    tolerance: float,
+) -> tuple[FloatArray, FloatArray]:
+    """The Newton step of the log-sites, and how the variances fall with it; (m,) each.
 
-
-def solve_iteratively(
-    state: State, ahead: FloatArray, held: FloatArray, wanted: FloatArray, right: FloatArray
-) -> FloatArray | None:
-    """The same step where answers are many: nothing of the size (m, m) is formed.
-
-    Preconditioned by each site's own response if all sites moved together.
+    By elimination where answers are few. Where they are many, iteratively, preconditioned by each
+    site's own response if all sites moved together; and where they are very many, without forming
+    anything of the size (m, m).
     """
-    together = fall_of_variance(state.spread, held)
-    response = 1.0 + np.maximum(-0.5 * state.fourth / wanted * together, 0.0)
+    spread, fourth, third = state.spread, state.fourth, state.third
+    count, variables = len(held), len(state.q.root)
+    if count > VERY_MANY and count > VERY_MANY_PER_VARIABLE * variables:
+
+        def falling(change: FloatArray) -> FloatArray:
+            return fall_of_variance(spread, change)
+
+    else:
+        shared = spread.T @ spread
+        squared = shared * shared  # fall of each variance per site, (m, m)
+
+        def falling(change: FloatArray) -> FloatArray:
+            return squared @ change
+
+        if count <= FEW:
+            system = third[:, None] * (ahead.T @ ahead) * third
+            system.flat[:: count + 1] += fourth
+            system = (-0.5 / wanted)[:, None] * (system @ squared) * held
+            system.flat[:: count + 1] += 1.0
+            _, _, step, info = lapack.dgesv(system, right)
+            if info != 0:
+                step = np.full(count, np.nan)
+            return step, falling(held * step)
+
+    response = 1.0 + np.maximum(-0.5 * fourth / wanted * falling(held), 0.0)
 
     def apply(step: FloatArray) -> FloatArray:
-        fall = fall_of_variance(state.spread, held * step)
-        carried = (ahead @ (state.third * fall)) @ ahead
-        curved = state.fourth * fall + state.third * carried
-        return np.asarray((step - 0.5 / wanted * curved) / response)
+        fall = falling(held * step)
+        carried = (ahead @ (third * fall)) @ ahead
+        return np.asarray((step - 0.5 / wanted * (fourth * fall + third * carried)) / response)
 
-    step = gmres(apply, right / response, SOLVED, MOST_DIRECTIONS)
-    return step if np.isfinite(step).all() else None
+    step = gmres(apply, right / response, tolerance, MOST_DIRECTIONS)
+    return step, falling(held * step)
 
 
 def natural_step(answers: Answers, state: State) -> State | None:

@@ -11,6 +11,7 @@ from scipy.special import log_ndtr
 
 from app.pbbo import variational
 from app.pbbo.candidates import FloatArray
+from app.pbbo.errors import FitError
 from app.pbbo.probit import expectations
 from app.pbbo.variational import Answers, Gaussian, evaluate, fit
 
@@ -223,16 +224,35 @@ def test_counts_are_repeated_answers() -> None:
 
 
 @pytest.mark.parametrize("scale", [1.4e-4, 0.014, 0.14, 1.4])
-def test_many_answers_are_fitted_without_elimination_to_the_same_posterior(
-    scale: float, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("very_many", [10**9, 0])
+def test_many_answers_are_fitted_iteratively_to_the_same_posterior(
+    scale: float, very_many: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     answers = problem(11, 60, 10, scale)
-    directly = fit(answers)
+    by_elimination = fit(answers)
 
-    monkeypatch.setattr(variational, "MANY_ANSWERS", 0)
-    monkeypatch.setattr(variational, "solve_directly", None)
+    monkeypatch.setattr(variational, "FEW", 0)
+    monkeypatch.setattr(variational, "VERY_MANY", very_many)
     iteratively = fit(answers)
 
-    assert iteratively.bound == pytest.approx(directly.bound, abs=1e-5)
-    shift = directly.root.T @ (iteratively.mean - directly.mean)
+    assert iteratively.bound == pytest.approx(by_elimination.bound, abs=1e-5)
+    shift = by_elimination.root.T @ (iteratively.mean - by_elimination.mean)
     assert shift == pytest.approx(np.zeros(10), abs=1e-3)
+
+
+def test_a_fit_that_stalls_is_tried_again_more_slowly(monkeypatch: pytest.MonkeyPatch) -> None:
+    answers = problem(2, 12, 8, 0.014)
+    expected = fit(answers)
+    ratios = []
+    patiently = variational.fit_in_stages
+
+    def stalling(answers: Answers, prior_variance: FloatArray, ratio: float) -> Gaussian:
+        ratios.append(ratio)
+        if len(ratios) == 1:
+            raise FitError("fit: stalled")
+        return patiently(answers, prior_variance, ratio)
+
+    monkeypatch.setattr(variational, "fit_in_stages", stalling)
+
+    assert fit(answers).bound == pytest.approx(expected.bound, abs=1e-6)
+    assert ratios[1] < ratios[0]

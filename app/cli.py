@@ -30,9 +30,11 @@ app = typer.Typer(
 study_app = typer.Typer(no_args_is_help=True, help="Set studies up, open and close them.")
 media_app = typer.Typer(no_args_is_help=True, help="The crane's recordings.")
 account_app = typer.Typer(no_args_is_help=True, help="Who may run studies.")
+link_app = typer.Typer(no_args_is_help=True, help="Links that each let one person in.")
 app.add_typer(study_app, name="study")
 app.add_typer(media_app, name="media")
 app.add_typer(account_app, name="account")
+app.add_typer(link_app, name="link")
 
 out = Console(highlight=False, soft_wrap=True)
 
@@ -219,6 +221,24 @@ def account_token(email: str, label: str = "command line", data_dir: DataDir = N
     """Make an API token for an experimenter, and show it this once."""
     studio = studio_of(data_dir)
     out.print(accounts.create_api_token(studio, accounts.find(studio, email), label))
+
+
+@link_app.command("create")
+def link_create(
+    slug: Slug,
+    count: Annotated[int, typer.Option(help="How many links.", min=1, max=10_000)] = 1,
+    label: Annotated[str, typer.Option(help="A note on what they are for.")] = "",
+    address: Annotated[
+        str, typer.Option(help="What comes before the path, such as https://lab.example.")
+    ] = "",
+    data_dir: DataDir = None,
+) -> None:
+    """Make links that each let one person in, once, and show them this once."""
+    from app.services import entry_links
+
+    for path in entry_links.create(studio_of(data_dir), slug, count, label):
+        # Plain: a link must come out whole however narrow the window is.
+        print(f"{address.rstrip('/')}{path}")
 
 
 @app.command()

@@ -17,7 +17,7 @@ from app.study import recruitment as rules
 from app.study.plan import Plan
 from app.study.protocol import Progress, Stage
 
-from . import failures, returning, studies
+from . import entry_links, failures, returning, studies
 from . import state as session_state
 from .errors import ForbiddenError, StudyNotOpenError
 from .state import State
@@ -47,11 +47,18 @@ class Entrance:
         return str(self.study["title"])
 
 
-def entrance(studio: Studio, slug: str, language: str | None = None) -> Entrance:
-    """The open study's consent. Raises NotFoundError, or StudyNotOpenError."""
+def entrance(
+    studio: Studio, slug: str, language: str | None = None, *, entry: str | None = None
+) -> Entrance:
+    """The open study's consent. Raises NotFoundError, StudyNotOpenError or EntryLinkError.
+
+    entry: the token of a link that lets one person in, where the study wants one.
+    """
     study = studies.find(studio, slug)
     failures.remember(slug, study.plan)
     _require_open(study.status, slug, LIVE)
+    with studio.database.read() as session:
+        entry_links.require_unused(session, study, entry)
     language = _language(study.plan, language)
     return Entrance(
         study=session_state.study_of(study.plan, slug, language),
@@ -70,10 +77,12 @@ def start(
     mode: str = LIVE,
     language: str | None = None,
     by_experimenter: bool = False,
+    entry: str | None = None,
 ) -> tuple[str, State]:
     """Begin a session, or take somebody back into theirs: a token, shown this once, and its state.
 
-    Raises AlreadyTakenPartError where the study does not let a person in twice.
+    Raises AlreadyTakenPartError where the study does not let a person in twice, and EntryLinkError
+    where it wants a link for each person and this one lets nobody in.
     """
     if mode == SIMULATED and not by_experimenter:
         raise ForbiddenError("only an experimenter may start a simulated session")
@@ -93,6 +102,8 @@ def start(
                 return token, session_state.describe(studio, session, earlier)
         _require_open(study.status, slug, mode, by_experimenter=by_experimenter)
         now = studio.now()
+        if mode == LIVE:
+            entry_links.use(session, study, entry, now)
         participant_id = earlier.participant_id if earlier is not None else None
         if participant_id is None:
             participant = Participant(

@@ -27,6 +27,14 @@ class ForbiddenError(ServiceError):
     """The caller is known, and may not do this."""
 
 
+class EntryLinkError(ForbiddenError):
+    """The study lets people in by links of their own, and this is none that lets one in."""
+
+    def __init__(self, message: str, *, is_used: bool) -> None:
+        super().__init__(message)
+        self.is_used = is_used
+
+
 class StudyNotOpenError(ServiceError):
     """The study takes no participants now."""
 

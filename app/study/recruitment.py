@@ -79,6 +79,7 @@ class Recruitment(Part):
         description="a mapping of completed, screened_out, declined, withdrawn or technical to"
         " an address that begins with https://",
     )
+    links: Literal["open", "single-use"] = Field(default="open", description="open or single-use")
     returning: Literal["resume", "block", "again"] = Field(
         default="resume", description="resume, block or again"
     )
@@ -172,6 +173,9 @@ def disagreements(plan: Mapping[str, object]) -> Iterator[Inconsistency]:
     if platform in ("prolific", "mturk") and as_mapping(said.get("return_urls")):
         message = f"expected none for platform {platform}, which makes its own"
         yield Inconsistency((*place, "return_urls"), message)
+    if platform != NO_PLATFORM and said.get("links", "open") != "open":
+        message = f"expected open for platform {platform}, whose link is the same for everybody"
+        yield Inconsistency((*place, "links"), message)
     default = Recruitment.model_fields["parameter"].default
     if platform != "sona" and said.get("parameter", default) != default:
         message = f"expected it for platform sona alone, got platform {platform}"

@@ -50,6 +50,7 @@ def start_session(
         mode=body.mode,
         language=body.language,
         by_experimenter=caller is not None,
+        entry=body.entry,
     )
     return {"token": token, "receipt": receipt_code(token), "session": state}
 

@@ -8,7 +8,7 @@ from urllib.parse import quote
 from fastapi import APIRouter, Depends, Form, Request
 from fastapi.responses import RedirectResponse, Response
 
-from app.services import accounts, results, studies
+from app.services import accounts, entry_links, results, studies
 from app.services.accounts import Experimenter
 from app.services.errors import SignInRequiredError
 from app.services.export import TABLES
@@ -141,6 +141,7 @@ def one_study(
             "plan_hash": study.plan_hash,
             "plan_version": study.plan_version,
             "participant_url": f"{str(request.base_url).rstrip('/')}/s/{slug}",
+            "links": entry_links.counts(studio, study.id) if entry_links.wanted(plan) else None,
             "conditions": [
                 {
                     "name": condition.name,

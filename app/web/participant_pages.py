@@ -10,6 +10,7 @@ from fastapi.responses import Response
 from app.services import admission, participation, recruitment, returning, studies, withdrawal
 from app.services.errors import (
     AlreadyTakenPartError,
+    EntryLinkError,
     SessionExpiredError,
     SignInRequiredError,
     StudyNotOpenError,
@@ -24,6 +25,9 @@ from .session_pages import do, is_known, render, to_stage, token_of
 from .stage_pages import TITLES, stage_page
 
 router = APIRouter(prefix="/s/{slug}", include_in_schema=False, route_class=FailingKindly)
+
+#: The parameter of a link that lets one person in.
+ENTRY = "entry"
 
 
 @router.get("")
@@ -52,12 +56,17 @@ def consent(
     """Agree. Only now is anything kept of a newcomer."""
     token = request.cookies.get(session_cookie(slug))
     if token is None or not is_known(studio, token) or _is_of_another(request, slug, studio):
-        entrance = admission.entrance(studio, slug)
-        if version != entrance.consent["version"]:
-            return to_stage(slug)
+        entry = request.query_params.get(ENTRY)
         ids = recruitment.ids_in_link(studio, slug, request.query_params)
         try:
-            token, _ = admission.start(studio, slug, external_ids=ids, language=entrance.language)
+            entrance = admission.entrance(studio, slug, entry=entry)
+            if version != entrance.consent["version"]:
+                return to_stage(slug, request.url.query)
+            token, _ = admission.start(
+                studio, slug, external_ids=ids, language=entrance.language, entry=entry
+            )
+        except EntryLinkError as error:
+            return _no_entry(request, slug, studio, error)
         except AlreadyTakenPartError as error:
             return _taken_part(request, slug, studio, error)
     response = do(slug, lambda: participation.consent(studio, token, version))
@@ -130,9 +139,25 @@ def _taken_part(
     )
 
 
+def _no_entry(request: Request, slug: str, studio: Studio, error: EntryLinkError) -> Response:
+    plan = studies.find(studio, slug).plan
+    return render(
+        request,
+        slug,
+        "participant/no_entry.html",
+        "A personal link is needed",
+        status=403,
+        study_title=plan.text(plan.title, plan.default_language),
+        contact=plan.contact,
+        is_used=error.is_used,
+    )
+
+
 def _entrance(request: Request, slug: str, studio: Studio) -> Response:
     try:
-        entrance = admission.entrance(studio, slug)
+        entrance = admission.entrance(studio, slug, entry=request.query_params.get(ENTRY))
+    except EntryLinkError as error:
+        return _no_entry(request, slug, studio, error)
     except StudyNotOpenError as error:
         return render(
             request, slug, "participant/closed.html", "Not open", message=str(error), status=409

@@ -36,6 +36,7 @@ KINDS: tuple[tuple[type[Exception], Kind], ...] = (
     (errors.NotFoundError, Kind(404, "not-found", "Not found")),
     (errors.SessionExpiredError, Kind(401, "session-expired", "The session has expired")),
     (errors.SignInRequiredError, Kind(401, "unauthenticated", "Not signed in")),
+    (errors.EntryLinkError, Kind(403, "entry-link", "A personal link is needed")),
     (errors.ForbiddenError, Kind(403, "forbidden", "Not allowed")),
     (errors.StudyNotOpenError, Kind(409, "study-not-open", "The study is not open")),
     (errors.SetAsideError, Kind(409, "set-aside", "Another query took its place")),

@@ -20,6 +20,9 @@ class StartSession(_In):
     external_ids: dict[Key, ExternalId] = Field(
         default_factory=dict, max_length=20, description="What a platform calls the participant."
     )
+    entry: str | None = Field(
+        None, max_length=64, description="Token of a single-use link, where the study wants one."
+    )
     mode: Literal["live", "preview", "simulated"] = "live"
     language: str | None = Field(None, max_length=12)
 

@@ -64,8 +64,9 @@ def do(slug: str, action: Callable[[], State]) -> Response:
     return to_stage(slug)
 
 
-def to_stage(slug: str) -> Response:
-    return RedirectResponse(f"/s/{slug}", status_code=303)
+def to_stage(slug: str, query: str = "") -> Response:
+    """Back to the page of the stage; a newcomer's link keeps the `query` that says who they are."""
+    return RedirectResponse(f"/s/{slug}?{query}" if query else f"/s/{slug}", status_code=303)
 
 
 def token_of(request: Request, slug: str) -> str:

@@ -111,6 +111,14 @@ def heading_of(page: str) -> str:
     return found[1].strip()
 
 
+def test_a_newcomer_who_agreed_to_an_older_text_does_not_lose_their_ids(
+    client: Api, recruit: Recruit
+) -> None:
+    recruit(PROLIFIC)
+    answer = client.post(f"/s/short/consent{LINK}", data={"version": "0" * 12})
+    assert (answer.status_code, answer.headers["location"]) == (303, f"/s/short{LINK}")
+
+
 def test_no_code_is_shown_before_the_end(client: Api, recruit: Recruit, clock: Clock) -> None:
     recruit(PROLIFIC)
     session = in_browser(client, "consent", clock)

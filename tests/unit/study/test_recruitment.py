@@ -208,6 +208,13 @@ def test_recruitment_that_agrees_has_no_fault(
             "recruitment.parameter: expected it for platform sona alone, got platform connect",
         ),
         (
+            "recruitment: {platform: connect, links: single-use}",
+            (
+                "recruitment.links: expected open for platform connect, whose link is the same for"
+                " everybody"
+            ),
+        ),
+        (
             "recruitment: {codes: {finished: C1}}",
             (
                 "recruitment.codes.finished: expected a mapping of completed, screened_out,"

@@ -169,7 +169,7 @@ def study_check(folder: Folder) -> None:
 
 @study_app.command("create")
 def study_create(folder: Folder, data_dir: DataDir = None) -> None:
-    """Store a study as a draft."""
+    """Store a study as a draft; an earlier draft of its name makes way."""
     loaded = studies.load_folder(folder)
     info = studies.create(studio_of(data_dir), loaded)
     out.print(
@@ -205,6 +205,13 @@ def study_close(slug: Slug, data_dir: DataDir = None) -> None:
     """Let nobody in any more; sessions under way may finish."""
     studies.close_study(studio_of(data_dir), slug)
     out.print(f"{slug} is closed.")
+
+
+@study_app.command("delete")
+def study_delete(slug: Slug, data_dir: DataDir = None) -> None:
+    """Delete a draft, with what previews and simulations left in it."""
+    studies.delete_draft(studio_of(data_dir), slug)
+    out.print(f"{slug} is deleted.")
 
 
 @account_app.command("create")

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import Any
 
-from sqlalchemy import func, select
+from sqlalchemy import delete, func, select
 from sqlalchemy.orm import Session
 
 from app.crane import environments as crane_environments
@@ -66,13 +66,17 @@ def load_folder(name_or_path: str) -> study_folder.StudyFolder:
 
 
 def create(studio: Studio, folder: study_folder.StudyFolder) -> StudyInfo:
-    """Store a study as a draft. Raises ConflictError if its slug is taken."""
+    """Store a study as a draft, in the place of an earlier draft of its name.
+
+    Raises ConflictError if a study of that name is open or was: its plan holds for good.
+    """
     plan = folder.plan
     # Videos first, under their content's names: a file that nothing points to does no harm.
     places = list(_candidates(studio, folder))
     with studio.database.write() as session:
-        if session.scalar(select(Study.id).where(Study.slug == plan.slug)) is not None:
-            raise ConflictError(f"expected a new slug, and there is a study named {plan.slug!r}")
+        earlier = session.scalar(select(Study).where(Study.slug == plan.slug))
+        if earlier is not None:
+            _delete_draft(session, earlier)
         now = studio.now()
         study = Study(slug=plan.slug, status=DRAFT, created_at=now)
         version = PlanVersion(
@@ -120,6 +124,25 @@ def open_study(studio: Studio, slug: str) -> StudyInfo:
 def close_study(studio: Studio, slug: str) -> StudyInfo:
     """Let nobody in any more; sessions under way may finish."""
     return _set_status(studio, slug, CLOSED)
+
+
+def delete_draft(studio: Studio, slug: str) -> None:
+    """Delete a study that was never open, with what previews and simulations left in it."""
+    with studio.database.write() as session:
+        study = session.scalar(select(Study).where(Study.slug == slug).with_for_update())
+        if study is None:
+            raise NotFoundError(f"there is no study named {slug!r}")
+        _delete_draft(session, study)
+
+
+def _delete_draft(session: Session, study: Study) -> None:
+    if study.status != DRAFT:
+        raise ConflictError(
+            f"expected a draft or a new slug, and the study {study.slug!r} is {study.status}"
+        )
+    session.expunge(study)
+    # In the database, not row by row: what hangs on a study goes with it.
+    session.execute(delete(Study).where(Study.id == study.id))
 
 
 def recording_count(studio: Studio, study_id: int) -> int:

@@ -48,7 +48,11 @@ class Study(Base):
     """One experiment. Its plan may have versions; a session holds on to the one it began."""
 
     __tablename__ = "studies"
-    __table_args__ = (_one_of("status", "draft", "open", "closed"),)
+    __table_args__ = (
+        _one_of("status", "draft", "open", "closed"),
+        # An id never comes again: servers remember a study's candidates by it.
+        {"sqlite_autoincrement": True},
+    )
 
     id: Mapped[int] = mapped_column(primary_key=True)
     slug: Mapped[str] = mapped_column(String(60), unique=True)

@@ -8,7 +8,7 @@ from urllib.parse import quote
 from fastapi import APIRouter, Depends, Form, Request
 from fastapi.responses import RedirectResponse, Response
 
-from app.services import accounts, entry_links, results, studies
+from app.services import accounts, admission, entry_links, results, studies
 from app.services.accounts import Experimenter
 from app.services.errors import SignInRequiredError
 from app.services.export import TABLES
@@ -21,6 +21,7 @@ from .security import (
     check_form_token,
     form_token,
     new_form_secret,
+    session_cookie,
     set_cookie,
 )
 from .templating import page
@@ -188,6 +189,22 @@ def open_study(
     check_form_token(request, csrf_token)
     studies.open_study(studio, slug)
     return RedirectResponse(f"/studies/{slug}", status_code=303)
+
+
+@router.post("/studies/{slug}/preview")
+def preview(
+    slug: str,
+    request: Request,
+    studio: StudioDep,
+    _caller: SignedIn,
+    csrf_token: Annotated[str, Form()],
+) -> Response:
+    """Go through the study as an evaluator would; its data is marked, and left out of results."""
+    check_form_token(request, csrf_token)
+    token, _ = admission.start(studio, slug, mode=admission.PREVIEW, by_experimenter=True)
+    response = RedirectResponse(f"/s/{slug}", status_code=303)
+    set_cookie(response, studio, session_cookie(slug), token)
+    return response
 
 
 @router.post("/studies/{slug}/close")

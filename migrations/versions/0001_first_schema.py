@@ -35,6 +35,7 @@ def upgrade() -> None:
         sa.CheckConstraint("status IN ('draft', 'open', 'closed')", name=op.f("ck_studies_status")),
         sa.PrimaryKeyConstraint("id", name=op.f("pk_studies")),
         sa.UniqueConstraint("slug", name=op.f("uq_studies_slug")),
+        sqlite_autoincrement=True,
     )
     op.create_table(
         "api_tokens",

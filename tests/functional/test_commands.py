@@ -179,7 +179,7 @@ def test_mistakes_about_a_study_that_is_there(stocked: Run, tmp_path: Path) -> N
     assert "dream" in mistake(stocked("export", "short", "--out", out, "--mode", "dream"))
     assert not out.exists()
     again = write_study(tmp_path / "again")
-    assert "there is a study named 'short'" in mistake(stocked("study", "create", again))
+    assert "the study 'short' is open" in mistake(stocked("study", "create", again))
 
 
 def test_a_folder_or_a_file_in_the_way_is_named(pbpo: Run, tmp_path: Path) -> None:

@@ -251,6 +251,7 @@ shapes = st.fixed_dictionaries(
         "queries_per_trial": st.integers(1, 4),
         "trials_per_condition": st.integers(1, 2),
         "familiarisation": st.sampled_from([{"videos": 0}, {"videos": 3}]),
+        "practice": st.sampled_from([{}, {"queries": 2}]),
         "questionnaires": st.sampled_from(
             [{}, {"end": [ITEM]}, {"after_trial": [ITEM], "end": [ITEM]}]
         ),
@@ -261,6 +262,8 @@ shapes = st.fixed_dictionaries(
 def assert_possible(plan: Plan, progress: Progress) -> None:
     if progress.stage is Stage.QUESTIONNAIRE:
         assert plan.items(progress.query_index)
+    elif progress.stage is Stage.PRACTICE:
+        assert 0 <= progress.query_index < plan.practice.queries
     else:
         assert 0 <= progress.query_index < plan.queries_per_trial
     finished = progress.trial_index
@@ -304,6 +307,8 @@ def test_a_session_that_goes_on_answers_every_query_once_and_completes(
         now += timedelta(seconds=data.draw(st.integers(1, 200)))
         if progress.stage is Stage.CONSENT:
             progress = advance(plan, progress, AGREED)
+        elif progress.stage is Stage.PRACTICE:
+            progress = advance(plan, progress, Responded(progress.query_index, now))
         elif progress.stage is Stage.QUERY:
             answered.append((progress.trial_index, progress.query_index))
             progress = advance(plan, progress, Responded(progress.query_index, now))

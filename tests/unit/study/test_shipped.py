@@ -108,12 +108,16 @@ def test_a_study_that_is_neither_is_refused_with_what_there_is() -> None:
 # The example
 
 
-def test_a_new_study_lacks_nothing_but_its_videos(tmp_path: Path) -> None:
+def test_a_new_study_lacks_nothing_but_its_words_and_its_videos(tmp_path: Path) -> None:
     init(tmp_path / "new" / "study")
     with pytest.raises(StudyFaults) as caught:
         load(tmp_path / "new" / "study")
-    assert [fault.file for fault in caught.value.faults] == ["recordings.csv"] * 4
-    assert all("expected a video, there is no file" in str(f) for f in caught.value.faults)
+    videos = [str(f) for f in caught.value.faults if f.file == "recordings.csv"]
+    words = [str(f) for f in caught.value.faults if f.file != "recordings.csv"]
+    assert len(videos) == 4
+    assert all("expected a video, there is no file" in fault for fault in videos)
+    assert all("expected words of your own, got the placeholder [" in fault for fault in words)
+    assert {f.file.split("/")[0] for f in caught.value.faults} == {"recordings.csv", "texts"}
 
 
 def test_a_new_study_is_sound_once_its_videos_are_there(
@@ -122,6 +126,8 @@ def test_a_new_study_is_sound_once_its_videos_are_there(
     init(tmp_path)
     for shade, name in enumerate(("slow-low", "slow-high", "fast-low-1", "fast-low-2")):
         write_video(tmp_path / "videos" / f"{name}.mp4", 50 * shade)
+    for text in (tmp_path / "texts" / "en").iterdir():
+        text.write_text(text.read_text(encoding="utf-8").translate({91: None, 93: None}))
     study = load(tmp_path)
     assert len(study.recordings) == 4
     assert len(study.candidates("kitchen")) == 3

@@ -3,6 +3,7 @@
 import pytest
 
 from app.study import consent_version, render
+from app.study.texts import placeholders
 
 
 def test_headings_begin_below_the_page_title() -> None:
@@ -62,3 +63,8 @@ def test_the_encoding_of_an_accent_keeps_the_version() -> None:
 @pytest.mark.parametrize("other", ["Agree!", "agree?", "Agree ?", "Agree?\n\nx"], ids=repr)
 def test_any_other_word_or_sign_changes_the_version(other: str) -> None:
     assert consent_version(other) != consent_version("Agree?")
+
+
+def test_a_placeholder_is_found_and_a_link_is_none() -> None:
+    text = "Run by [your names].\n\nSee [the lab](https://lab.example), [a note][1], ![x](y).\n"
+    assert placeholders(text) == [(1, "[your names]")]

@@ -40,7 +40,7 @@ async def walk(
             case "consent":
                 body: State | None = {"version": state["consent"]["version"]}
                 path = "consent"
-            case "query":
+            case "query" | "practice":
                 query = state["query"]
                 left, right = scores[query["left"]["url"]], scores[query["right"]["url"]]
                 response = evaluator.respond(left, right, may_skip=query["skip"] is not None)

@@ -17,6 +17,7 @@ from app.pbbo import allows_skip
 from app.storage.tables import Acquired, PreferenceRow, QueryRow, Response, SessionRow
 from app.study import protocol
 from app.study.protocol import Stage
+from app.study.stages import PRACTICE_INDEX
 
 from . import queries, sessions, trials
 from . import state as session_state
@@ -69,9 +70,11 @@ def respond(studio: Studio, token: str, answer: Answer) -> State:
                 "expected left or right: this query offers no skip", row.stage
             )
         record = queries.read_record(session, query.trial_id)
-    # The fit, if it was not worked out ahead: between two transactions, inside none.
-    record = (*record, _shown(query, answer.response))
-    step = studio.proposer.step(trial, learned(record))
+        practising = query.trial.trial_index == PRACTICE_INDEX
+    if not practising:
+        # The fit, if it was not worked out ahead: between two transactions, inside none.
+        record = (*record, _shown(query, answer.response))
+        step = studio.proposer.step(trial, learned(record))
 
     with studio.database.write() as session:
         row = sessions.find(studio, session, token, to_write=True)
@@ -82,6 +85,10 @@ def respond(studio: Studio, token: str, answer: Answer) -> State:
         # Raises if another query is the open one: nothing has been written yet.
         sessions.advance(studio, row, protocol.Responded(query_index=query.query_index, at=now))
         _store(session, row, query, answer, now)
+        if practising:
+            _go_on_practising(studio, session, row, query, now)
+            session.flush()
+            return session_state.describe(studio, session, row)
         _store_lessons(session, query, step)
         if row.stage == Stage.QUERY and row.trial_index == query.trial.trial_index:
             assert step.next is not None
@@ -91,6 +98,17 @@ def respond(studio: Studio, token: str, answer: Answer) -> State:
             trials.arrive(studio, session, row)
         session.flush()
         return session_state.describe(studio, session, row)
+
+
+def _go_on_practising(
+    studio: Studio, session: Session, row: SessionRow, query: QueryRow, now: datetime
+) -> None:
+    if row.stage == Stage.PRACTICE:
+        following = trials.practice_query(studio, row, row.query_index)
+        session.add(trials.query_row(following, now, trial_id=query.trial_id))
+    else:
+        query.trial.ended_at = now
+        trials.arrive(studio, session, row)
 
 
 def report_fault(studio: Studio, token: str, report: FaultReport) -> State:

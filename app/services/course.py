@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from app.pbbo import ENGINE_VERSION
+from app.study.stages import PRACTICE
 
 from .errors import NothingToShowError
 from .proposals import Clip, History, NextQuery, Space, TrialInHand
@@ -79,7 +80,7 @@ def replacement(
     clips = [[clip for clip in space.clips[candidate] if usable(clip)] for candidate in pair]
     return NextQuery(
         query_index=last.query_index,
-        trial_type="random",
+        trial_type=PRACTICE if last.trial_type == PRACTICE else "random",
         left_candidate=pair[0],
         right_candidate=pair[1],
         left=clips[0][int(rng.integers(len(clips[0])))],

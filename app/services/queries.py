@@ -10,7 +10,7 @@ from sqlalchemy.orm import Session, contains_eager, joinedload
 
 from app.storage.tables import Event, QueryRow, Response, SessionRow, Trial
 from app.study import protocol
-from app.study.protocol import Stage
+from app.study.protocol import ANSWERED, Stage
 
 from .course import Record, Shown
 from .errors import NotFoundError
@@ -35,7 +35,7 @@ def find(session: Session, row: SessionRow, public_id: str) -> QueryRow:
         .options(contains_eager(QueryRow.trial), joinedload(QueryRow.response))
     )
     if query is None:
-        if row.stage != Stage.QUERY:
+        if row.stage not in ANSWERED:
             raise protocol.OutOfOrder(Stage(row.stage), "no query is open")
         raise NotFoundError(f"this session has no query {public_id!r}")
     return query

@@ -9,6 +9,7 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session, selectinload
 
 from app.storage.tables import SessionRow, Trial
+from app.study.stages import PRACTICE_INDEX
 
 from . import queries, studies
 from .course import learned
@@ -44,7 +45,7 @@ def replay(studio: Studio, slug: str) -> Iterator[Replayed]:
         stored = session.scalars(
             select(Trial)
             .join(SessionRow, Trial.session_id == SessionRow.id)
-            .where(SessionRow.study_id == study.id)
+            .where(SessionRow.study_id == study.id, Trial.trial_index != PRACTICE_INDEX)
             .order_by(SessionRow.id, Trial.trial_index)
             .options(selectinload(Trial.queries))
         )

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from datetime import datetime
 
-import numpy as np
 from sqlalchemy.orm import Session
 
 from app.storage.tables import QueryRow, SessionRow, Trial
 from app.study.protocol import Stage
+from app.study.stages import PRACTICE, PRACTICE_INDEX
 
-from . import playlist, studies
+from . import playlist, practice, studies
 from . import state as session_state
 from .proposals import NextQuery
 from .studio import Studio
@@ -21,6 +21,8 @@ def arrive(studio: Studio, session: Session, row: SessionRow) -> None:
     """Prepare what the stage that the session has come to will show."""
     if row.stage == Stage.QUERY:
         _begin(studio, session, row)
+    elif row.stage == Stage.PRACTICE:
+        _begin_practice(studio, session, row)
     elif row.stage in (Stage.BREAK, Stage.FAMILIARISATION):
         # Whoever goes on from here finds the first pair made.
         first = first_query(studio, row)
@@ -41,7 +43,7 @@ def _begin(studio: Studio, session: Session, row: SessionRow) -> None:
         condition=condition.name,
         method=condition.method,
         environment=condition.environment,
-        seed=_seed(row),
+        seed=session_state.trial_seed(row, row.trial_index),
         started_at=now,
         queries=[query_row(first, now)],
     )
@@ -50,15 +52,39 @@ def _begin(studio: Studio, session: Session, row: SessionRow) -> None:
     studio.proposer.render([first.left, first.right])
 
 
-def _seed(row: SessionRow) -> int:
-    """Seed of the trial that the session is in, or comes to next: 48 bits."""
-    sequence = np.random.SeedSequence([row.seed, row.trial_index])
-    return int(sequence.generate_state(1, np.uint64)[0] >> np.uint64(16))
+def _begin_practice(studio: Studio, session: Session, row: SessionRow) -> None:
+    """Store the practice, with its first query."""
+    now = studio.now()
+    trial = Trial(
+        trial_index=PRACTICE_INDEX,
+        condition=PRACTICE,
+        method="random",
+        environment=session_state.trial_in_hand(row, PRACTICE_INDEX, 0).environment,
+        seed=session_state.trial_seed(row, PRACTICE_INDEX),
+        started_at=now,
+    )
+    first = practice_query(studio, row, 0)
+    trial.queries.append(query_row(first, now))
+    row.trials.append(trial)
+    session.flush()
+    after = first_query(studio, row)
+    studio.proposer.render([first.left, first.right, after.left, after.right])
+
+
+def practice_query(studio: Studio, row: SessionRow, query_index: int) -> NextQuery:
+    """The practice's query at this place."""
+    in_hand = session_state.trial_in_hand(
+        row, PRACTICE_INDEX, session_state.trial_seed(row, PRACTICE_INDEX)
+    )
+    space = studio.proposer.space(in_hand.study_id, in_hand.environment)
+    return practice.pair(space, in_hand.seed, query_index)
 
 
 def first_query(studio: Studio, row: SessionRow) -> NextQuery:
     """The first query of that trial: drawn at random, with no model to fit."""
-    in_hand = session_state.trial_in_hand(row, row.trial_index, _seed(row))
+    in_hand = session_state.trial_in_hand(
+        row, row.trial_index, session_state.trial_seed(row, row.trial_index)
+    )
     first = studio.proposer.step(in_hand, ()).next
     assert first is not None
     return first

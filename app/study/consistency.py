@@ -21,6 +21,7 @@ from app.study.plain import (
     repeats,
 )
 from app.study.questionnaire import item_inconsistencies
+from app.study.stages import PRACTICE
 
 CRANE = "crane"
 CRANE_ENVIRONMENTS = ("env1", "env2")
@@ -74,6 +75,7 @@ def inconsistencies(plan: Mapping[str, object]) -> list[Inconsistency]:
         *_parameters(plan),
         *_environments(plan),
         *_conditions(plan),
+        *_practice(plan),
         *_familiarisation(plan),
         *recruitment.disagreements(plan),
         *_blocks(plan),
@@ -152,6 +154,14 @@ def _familiarisation(plan: Mapping[str, object]) -> Iterator[Inconsistency]:
     if isinstance(videos, int) and isinstance(required, int) and required > videos:
         message = f"expected at most the number of videos ({videos}), got {required}"
         yield Inconsistency(("familiarisation", "required"), message)
+
+
+def _practice(plan: Mapping[str, object]) -> Iterator[Inconsistency]:
+    """In exported tables the practice stands where a condition's name does."""
+    for index, condition in enumerate(as_list(plan.get("conditions"))):
+        if as_mapping(condition).get("name") == PRACTICE and plan.get("practice") is not None:
+            message = f"expected another name, {PRACTICE!r} is what the practice is called"
+            yield Inconsistency(("conditions", index, "name"), message)
 
 
 def _blocks(plan: Mapping[str, object]) -> Iterator[Inconsistency]:

@@ -27,7 +27,7 @@ from app.study.part import ONE_OR_MORE_TEXTS, LocalText, Part
 from app.study.questionnaire import Item, Questionnaires
 from app.study.recordings import RecordingRow
 from app.study.recruitment import Recruitment
-from app.study.stages import Familiarisation
+from app.study.stages import Familiarisation, Practice
 
 # These name folders as well, so they hold nothing that leads elsewhere.
 LANGUAGE_PATTERN = r"^[a-z]{2,3}(-[A-Za-z0-9]{2,8})*$"
@@ -128,6 +128,7 @@ class Plan(Part):
     familiarisation: Familiarisation = Field(
         default=Familiarisation(), description="a mapping such as {videos: 10, required: 0}"
     )
+    practice: Practice = Field(default=Practice(), description="a mapping such as {queries: 3}")
     blocks: Literal["session", "environment"] = Field(
         default="session",
         description="session, or environment to keep the trials of each environment together",

@@ -44,6 +44,8 @@ BEFORE_FIRST_TRIAL = frozenset(
 AFTER_A_TRIAL = frozenset({Stage.QUESTIONNAIRE, Stage.BREAK, Stage.DEBRIEF, Stage.COMPLETED})
 #: Pages of stage questionnaire: `Plan.items` takes them.
 AFTER_TRIAL, AT_THE_END = 0, 1
+#: Stages in which queries are answered.
+ANSWERED = frozenset({Stage.PRACTICE, Stage.QUERY})
 #: Stages of several pages, which query_index counts.
 COUNTING = frozenset({Stage.PRACTICE, Stage.QUERY, Stage.QUESTIONNAIRE})
 
@@ -217,9 +219,13 @@ def position(plan: Plan, progress: Progress) -> Position:
 
     trial: 0 before the first trial, then the number of the trial in hand; in a break and
     afterwards the number of trials finished. query: the number of the open query; outside stage
-    query 0 if no trial is finished yet, else the number of queries in a trial.
+    query 0 if no trial is finished yet, else the number of queries in a trial. In the practice
+    both numbers of queries are the practice's own.
     """
     trial, query = progress.trial_index, plan.queries_per_trial if progress.trial_index else 0
+    if progress.stage is Stage.PRACTICE:
+        query, queries = progress.query_index + 1, plan.practice.queries
+        return Position(trial=0, trials=plan.trials, query=query, queries=queries)
     if progress.stage is Stage.QUERY:
         trial, query = progress.trial_index + 1, progress.query_index + 1
     return Position(trial=trial, trials=plan.trials, query=query, queries=plan.queries_per_trial)
@@ -248,7 +254,7 @@ def _after_continue(plan: Plan, progress: Progress, event: Continued) -> Progres
         case Stage.FAMILIARISATION:
             if event.watched < plan.familiarisation.required:
                 raise WatchMore(plan.familiarisation.required, event.watched)
-            return Progress(Stage.QUERY, trial_index=progress.trial_index)
+            return _past_the_videos(plan, progress.trial_index)
         case Stage.BREAK:
             # Progress holds an end for every break.
             assert progress.break_ends_at is not None
@@ -263,8 +269,12 @@ def _after_continue(plan: Plan, progress: Progress, event: Continued) -> Progres
 
 
 def _after_response(plan: Plan, progress: Progress, event: Responded) -> Progress:
-    if progress.stage is not Stage.QUERY or event.query_index != progress.query_index:
+    if progress.stage not in ANSWERED or event.query_index != progress.query_index:
         raise _out_of_order(plan, progress)
+    if progress.stage is Stage.PRACTICE:
+        if progress.query_index + 1 < plan.practice.queries:
+            return Progress(Stage.PRACTICE, query_index=progress.query_index + 1)
+        return Progress(Stage.QUERY)
     if progress.query_index + 1 < plan.queries_per_trial:
         return Progress(Stage.QUERY, progress.trial_index, progress.query_index + 1)
     finished = progress.trial_index + 1
@@ -296,6 +306,12 @@ def _toward_trial(plan: Plan, trial_index: int) -> Progress:
     """On the way to a trial: first the videos to watch, where it begins a block of trials."""
     if plan.familiarises_before(trial_index):
         return Progress(Stage.FAMILIARISATION, trial_index=trial_index)
+    return _past_the_videos(plan, trial_index)
+
+
+def _past_the_videos(plan: Plan, trial_index: int) -> Progress:
+    if trial_index == 0 and plan.practice.queries > 0:
+        return Progress(Stage.PRACTICE)
     return Progress(Stage.QUERY, trial_index=trial_index)
 
 

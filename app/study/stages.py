@@ -6,6 +6,11 @@ from pydantic import Field, StrictInt
 
 from app.study.part import Part
 
+#: The practice's trial: before the first, and no trial of the plan.
+PRACTICE_INDEX = -1
+#: What the practice is called where a trial's condition or a query's type stands.
+PRACTICE = "practice"
+
 
 class Familiarisation(Part):
     """The videos a person watches beforehand, drawn at random."""
@@ -22,4 +27,12 @@ class Familiarisation(Part):
         min_length=1,
         max_length=8,
         description="a list of speeds from 0.25 to 4 such as [1, 2, 4], the first to begin with",
+    )
+
+
+class Practice(Part):
+    """Pairs to learn the page by, drawn at random; their answers never reach a model."""
+
+    queries: StrictInt = Field(
+        default=0, ge=0, le=100, description="a whole number from 0 (none) to 100"
     )

@@ -21,6 +21,7 @@ TITLES = {
     "consent": "Consent",
     "instructions": "Instructions",
     "familiarisation": "Familiarisation",
+    "practice": "Practice",
     "query": "Which is better?",
     "questionnaire": "Some questions",
     "break": "Break",

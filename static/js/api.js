@@ -5,7 +5,7 @@
  * @typedef {{id: string, left: Recording, right: Recording, skip: null | {label: string}, prefetch: string[]}} Query
  * @typedef {{trial: number, trials: number, query: number, queries: number}} Progress
  * @typedef {{
- *   stage: string, progress: Progress, study: {break_s: number}, query?: Query,
+ *   stage: string, progress: Progress, study: {break_s: number, stages: string[]}, query?: Query,
  *   break?: {ends_at: string, seconds_left: number},
  *   familiarisation?: {videos: Recording[], required: number, watched: number[], speeds: number[]},
  * }} State

@@ -109,10 +109,20 @@ function open() {
   }
 }
 
+/** How long it still takes; in the practice, and right after it, what its answers are for stands there instead. */
+function sayTimeLeft() {
+  const { trial, query: number } = state.progress;
+  const afterPractice = state.study.stages.includes("practice") && trial === 1 && number === 1;
+  if (state.stage === "query" && !afterPractice) {
+    byId("time-left").textContent = pace.left(state.progress, state.study.break_s);
+  }
+}
+
 /** Say where one is, once per pair: when it can be answered, or when that takes long. */
 function say() {
   const { trial, trials, query: number, queries } = state.progress;
-  const where = `Trial ${trial} of ${trials} · Query ${number} of ${queries}`;
+  const practising = state.stage === "practice";
+  const where = practising ? `Practice · Pair ${number} of ${queries}` : `Trial ${trial} of ${trials} · Query ${number} of ${queries}`;
   const line = byId("progress");
   if (line.dataset.query !== query.id) {
     line.dataset.query = query.id;
@@ -120,9 +130,9 @@ function say() {
     announce(where.replace(" · ", ", "));
   }
   const bar = /** @type {HTMLProgressElement} */ (byId("progress-bar"));
-  bar.max = trials * queries;
-  bar.value = (trial - 1) * queries + number - 1;
-  byId("time-left").textContent = pace.left(state.progress, state.study.break_s);
+  bar.max = practising ? queries : trials * queries;
+  bar.value = practising ? number - 1 : (trial - 1) * queries + number - 1;
+  sayTimeLeft();
 }
 
 /**
@@ -214,7 +224,8 @@ async function setAside(how) {
  * @param {import("./api.js").State} next
  */
 function arrive(next) {
-  if (next.stage !== "query" || !next.query) {
+  // From the practice into the first trial, and out of the trials, by a page of its own.
+  if (next.stage !== state.stage || !next.query) {
     location.reload();
     return;
   }
@@ -278,7 +289,7 @@ async function look(mine) {
     if (mine !== turn || sending) {
       return null;
     }
-    if (now.stage !== "query" || now.query?.id !== query.id) {
+    if (now.stage !== state.stage || now.query?.id !== query.id) {
       arrive(now);
       return null;
     }
@@ -359,5 +370,5 @@ window.addEventListener("pageshow", (event) => {
   }
 });
 
-byId("time-left").textContent = pace.left(state.progress, state.study.break_s);
+sayTimeLeft();
 show();

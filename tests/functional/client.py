@@ -139,7 +139,7 @@ class Session:
         match self.state["stage"]:
             case "consent":
                 return self.consent()
-            case "query":
+            case "query" | "practice":
                 wait(SECONDS_PER_QUERY)
                 return self.respond(response, rt_ms=rt_ms)
             case "break":
@@ -159,6 +159,8 @@ class Session:
             if self.state["stage"] == "query":
                 at, response = self.state["progress"], choose(self.state)
                 pressed.append(Pressed(at["trial"], at["query"], response, rt_ms))
+            elif self.state["stage"] == "practice":
+                response = choose(self.state)
             answer = self.step(response, wait, rt_ms)
             assert answer.status_code == 200, answer.text
         return pressed

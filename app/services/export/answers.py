@@ -56,7 +56,7 @@ def _queries_columns(plan: Plan) -> tuple[Column, ...]:
         text("method", "Method that chose the queries."),
         text("environment", "Environment of the candidates."),
         QUERY,
-        text("trial_type", "What kind of query: random (before the model), or model."),
+        text("trial_type", "What kind of query: random (before the model), model, or practice."),
         integer("left_candidate", "Index of the candidate on the left."),
         integer("right_candidate", "Index of the candidate on the right."),
         text("left_recording", "Recording on the left; see recordings.csv."),

@@ -20,6 +20,7 @@ from app.storage.tables import (
 )
 from app.study.plan import Plan
 from app.study.protocol import AFTER_TRIAL, AT_THE_END
+from app.study.stages import PRACTICE_INDEX
 
 from .columns import (
     MODE,
@@ -66,6 +67,7 @@ def _sessions_columns(_plan: Plan) -> tuple[Column, ...]:
 def _sessions_rows(session: Session, request: Request) -> Iterator[Row]:
     finished = (
         select(Trial.session_id, func.count(Trial.ended_at).label("finished"))
+        .where(Trial.trial_index != PRACTICE_INDEX)
         .group_by(Trial.session_id)
         .subquery()
     )

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import csv
 import io
+import textwrap
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, fields
@@ -45,6 +46,8 @@ _CLAIMS: Final[Mapping[int, Callable[[Results], Iterator[Claim]]]] = MappingProx
         21: claims_people.of_skips,
     }
 )
+
+LINE_LENGTH: Final = 95
 
 
 def write_report(results: Results, figures: Sequence[int], folder: Path) -> Path:
@@ -92,8 +95,8 @@ def _opening(results: Results, claims: Mapping[int, Sequence[Claim]]) -> Iterato
     yield from (
         "# The paper's experiments, run again",
         "",
-        "Written by `pbpo reproduce`; no number below was typed by hand. The worlds are our own",
-        "simulated ones, calibrated to the paper's published figures, and no person took part:",
+        "Written by `pbpo reproduce`, every table and figure from its results. The worlds are our",
+        "own simulated ones, calibrated to the paper's published figures, and no person took part:",
         "where the paper asked people, simulated evaluators stand in for them, and say nothing",
         "about people.",
         "",
@@ -121,7 +124,8 @@ def _opening(results: Results, claims: Mapping[int, Sequence[Claim]]) -> Iterato
         "significant. Beside p stand the difference of the means in grams with its 95 % interval",
         "(Welch) and Hedges' g. As in the paper, p is not corrected for the number of tests: of",
         "twenty tests without any difference one is expected below .05. A verdict near the",
-        "threshold can turn with the seed.",
+        "threshold can turn with the seed. What we think of a figure stands below its tables; it",
+        "was written after a run with seed 0, and appears only where the verdicts are the same.",
         "",
     )
 
@@ -158,7 +162,7 @@ def _figure(
     yield from _beside(results, figure)
     for reading in READINGS.get(figure, ()):
         if reading.applies({claim.name: claim.holds for claim in claims}):
-            yield from (reading.text, "")
+            yield from (textwrap.fill(reading.text, LINE_LENGTH), "")
 
 
 def _beside(results: Results, figure: int) -> Iterator[str]:

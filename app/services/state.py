@@ -130,10 +130,6 @@ def video_url(public_id: str) -> str:
     return f"/media/{public_id}.mp4"
 
 
-def trial_in_hand(row: SessionRow, trial_index: int, seed: int) -> TrialInHand:
-    plan = stored_plan(row.plan)
-    # The practice is held as the first trial will be: in its environment, with its skip button.
-    condition = plan.conditions[row.trial_conditions[max(trial_index, 0)]]
 def trial_seed(row: SessionRow, trial_index: int) -> int:
     """Seed of one of the session's trials, or of its practice: 48 bits."""
     own = _PRACTICE_SEED if trial_index == PRACTICE_INDEX else trial_index
@@ -141,6 +137,10 @@ def trial_seed(row: SessionRow, trial_index: int) -> int:
     return int(sequence.generate_state(1, np.uint64)[0] >> np.uint64(16))
 
 
+def trial_in_hand(row: SessionRow, trial_index: int, seed: int) -> TrialInHand:
+    plan = stored_plan(row.plan)
+    # The practice is held as the first trial will be: in its environment, with its skip button.
+    condition = plan.conditions[row.trial_conditions[max(trial_index, 0)]]
     return TrialInHand(
         study_id=row.study_id,
         environment=condition.environment,
@@ -172,13 +172,10 @@ def _query(studio: Studio, session: Session, row: SessionRow, plan: Plan) -> dic
         "left": _video(query.left_recording),
         "right": _video(query.right_recording),
         "skip": condition.skip and {"label": plan.text(condition.skip.label, row.language)},
+        "practice": practising,
         "prefetch": list(dict.fromkeys(video_url(clip.public_id) for clip in clips)),
     }
 
-        "practice": practising,
-
-def _video(recording: Any) -> dict[str, Any]:
-    return {"url": video_url(recording.public_id), "duration_s": recording.duration_s}
 
 def _after_practice(studio: Studio, row: SessionRow, plan: Plan, in_hand: TrialInHand) -> NextQuery:
     """What follows the open practice query: it does not depend on the response."""
@@ -189,6 +186,9 @@ def _after_practice(studio: Studio, row: SessionRow, plan: Plan, in_hand: TrialI
     assert first is not None
     return first
 
+
+def _video(recording: Any) -> dict[str, Any]:
+    return {"url": video_url(recording.public_id), "duration_s": recording.duration_s}
 
 
 def _questionnaire(plan: Plan, page: int, language: str) -> dict[str, Any]:

@@ -7,7 +7,7 @@ import io
 from datetime import UTC, datetime, timedelta, timezone
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from app.services.export.cells import Value, cell
@@ -43,6 +43,7 @@ def test_a_text_that_a_spreadsheet_would_run_gets_an_apostrophe(start: str) -> N
     assert cell(f"a{start}1") == f"a{start}1"
 
 
+@settings(deadline=None)
 @given(st.text())
 def test_no_text_starts_a_formula_and_none_loses_a_letter(text: str) -> None:
     written = cell(text)
@@ -50,6 +51,7 @@ def test_no_text_starts_a_formula_and_none_loses_a_letter(text: str) -> None:
     assert not written.startswith(("=", "+", "-", "@", "\t", "\r", "\n"))
 
 
+@settings(deadline=None)
 @given(st.floats(allow_nan=False, allow_infinity=False))
 def test_a_number_is_read_back_as_the_very_same(number: float) -> None:
     line = io.StringIO()

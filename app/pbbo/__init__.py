@@ -12,9 +12,8 @@ The names below are the room's door; everything else may change. See docs/optimi
 
 import os
 
-# A step works on matrices of a few dozen rows. Split over threads they take longer, many times
-# longer where the cores are busy. Read when NumPy and SciPy load, so before anything below; a user
-# who sets a number keeps it.
+# Read when NumPy and SciPy load, so before anything below; a user who sets a number keeps it. Why:
+# one_thread.py.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 from app.pbbo.errors import (

@@ -24,6 +24,7 @@ from app.pbbo.errors import (
 )
 from app.pbbo.knockout import challenger
 from app.pbbo.methods import method_named
+from app.pbbo.one_thread import one_thread
 from app.pbbo.preferences import Preference, Query, Response, TrialType, checked_response
 from app.pbbo.randomness import Purpose, checked_seed, generator
 from app.pbbo.settings import Settings
@@ -135,7 +136,8 @@ class PreferenceOptimizer:
         """
         if not self._method.model:
             raise NoPosteriorError(f"posterior: {self._method_name} keeps no model of the answers")
-        belief = self._believe()
+        with one_thread():
+            belief = self._believe()
         return belief.mean.copy(), belief.std.copy()
 
     @property
@@ -210,7 +212,8 @@ class PreferenceOptimizer:
         elif self._learned.answers < self._settings.random_queries:
             return "random", "random", self._random_pair(index)
         try:
-            return "model", *self._model_pair(index)
+            with one_thread():
+                return "model", *self._model_pair(index)
         except FitError:
             # The evaluator goes on; the record says that this query was not the model's.
             return "random", "random-fallback", self._random_pair(index)

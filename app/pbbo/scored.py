@@ -19,6 +19,7 @@ import numpy as np
 
 from app.pbbo.candidates import Candidates, FloatArray, IndexArray
 from app.pbbo.errors import FitError, ScoreError, SettingsError, UnknownMethodError
+from app.pbbo.one_thread import one_thread
 from app.pbbo.randomness import Purpose, checked_seed, generator
 from app.pbbo.settings import ScoreSettings, ordinary_length_scale
 
@@ -168,13 +169,14 @@ class ScoreOptimizer:
                 self._candidates, self._settings.length_scale, self._settings.signal_variance
             )
             centre, spread = self._scale()
-            self._belief = regress(
-                prior,
-                np.array(self._indices, dtype=np.intp),
-                (np.array(self._values) - centre) / spread,
-                self._settings,
-                robust=self._robust,
-            )
+            with one_thread():
+                self._belief = regress(
+                    prior,
+                    np.array(self._indices, dtype=np.intp),
+                    (np.array(self._values) - centre) / spread,
+                    self._settings,
+                    robust=self._robust,
+                )
         return self._belief
 
 

@@ -2,9 +2,11 @@
 
 import subprocess
 import sys
+from typing import Any
 
 import numpy as np
 import pytest
+from threadpoolctl import ThreadpoolController
 
 from app.pbbo import (
     METHODS,
@@ -20,6 +22,7 @@ from app.pbbo import (
     UnknownResponseError,
     allows_skip,
     has_posterior,
+    model,
 )
 from app.pbbo.candidates import FloatArray
 
@@ -261,3 +264,26 @@ def test_an_unknown_response_is_refused(response: str) -> None:
 def test_an_unknown_method_is_named_beside_those_there_are() -> None:
     with pytest.raises(UnknownMethodError, match=r"expected one of pbpo, .*got 'pbop'"):
         PreferenceOptimizer(TRIANGLE, "pbop")
+
+
+def test_a_step_keeps_to_one_thread_and_leaves_the_caller_s_number_as_it_was(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def threads() -> set[int]:
+        pools = ThreadpoolController().info()
+        return {pool["num_threads"] for pool in pools if pool["user_api"] == "blas"}
+
+    during: list[set[int]] = []
+
+    def watched(*arguments: Any, **named: Any) -> Any:
+        during.append(threads())
+        return belief_over(*arguments, **named)
+
+    belief_over = model.belief_over
+    monkeypatch.setattr(model, "belief_over", watched)
+    with ThreadpoolController().limit(limits=2):
+        before = threads()
+        PreferenceOptimizer.replay(TRIANGLE, [(0, 9, "left")]).posterior()
+
+        assert during == [{1}]
+        assert threads() == before

@@ -20,8 +20,8 @@ from app.main import create_app
 from app.services import accounts, studies
 from app.services.background import Background
 from app.services.errors import ConflictError, NotFoundError
+from app.services.query_state import video_url
 from app.services.settings import Settings
-from app.services.state import video_url
 from app.services.studio import Studio, open_studio, utc_now
 from app.services.tokens import new_secret
 from app.storage.tables import Candidate, Recording

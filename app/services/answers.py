@@ -27,10 +27,12 @@ from .errors import (
     ConflictError,
     SetAsideError,
     SkipNotOfferedError,
+    SkipReasonError,
 )
 from .proposals import Step
 from .queries import Happening
 from .state import State
+from .studies import stored_plan
 from .studio import Studio
 
 #: Attempts at one place of a trial: whoever needs more will not see any video at all.
@@ -64,11 +66,12 @@ def respond(studio: Studio, token: str, answer: Answer) -> State:
         query = queries.find(session, row, answer.query_id)
         if not _is_new(row, query, answer):
             return session_state.describe(studio, session, row)
-        trial = session_state.trial_in_hand(row, query.trial.trial_index, query.trial.seed)
+        trial = queries.trial_in_hand(row, query.trial.trial_index, query.trial.seed)
         if answer.response == "skip" and not allows_skip(trial.method):
             raise SkipNotOfferedError(
                 "expected left or right: this query offers no skip", row.stage
             )
+        _check_reason(row, query, answer)
         record = queries.read_record(session, query.trial_id)
         practising = query.trial.trial_index == PRACTICE_INDEX
     if not practising:
@@ -131,7 +134,7 @@ def report_fault(studio: Studio, token: str, report: FaultReport) -> State:
             raise ConflictError(
                 f"expected at most {MOST_ATTEMPTS} attempts at one query; none of them played"
             )
-        trial = session_state.trial_in_hand(row, query.trial.trial_index, query.trial.seed)
+        trial = queries.trial_in_hand(row, query.trial.trial_index, query.trial.seed)
         space = studio.proposer.space(trial.study_id, trial.environment)
         following = replacement(space, trial, tried, studio.recordings.can_be_had)
         now = studio.now()
@@ -162,6 +165,26 @@ def _is_new(row: SessionRow, query: QueryRow, answer: Answer) -> bool:
             row.stage,
         )
     return False
+
+
+def _check_reason(row: SessionRow, query: QueryRow, answer: Answer) -> None:
+    """A reason goes with a skip, and is one of those that the study offers.
+
+    A skip without a reason is taken: a page that was open before knows of none.
+    """
+    if answer.skip_reason is None:
+        return
+    if answer.response != "skip":
+        raise SkipReasonError(
+            f"expected a reason with a skip only, got one with {answer.response!r}", row.stage
+        )
+    plan = stored_plan(row.plan)
+    skip = next(found.skip for found in plan.conditions if found.name == query.trial.condition)
+    offered = list(skip.reasons or ()) if skip else []
+    if offered and answer.skip_reason not in offered:
+        raise SkipReasonError(
+            f"expected one of {', '.join(offered)}, got {answer.skip_reason!r}", row.stage
+        )
 
 
 def _shown(query: QueryRow, response: str) -> Shown:

@@ -60,6 +60,10 @@ class ResponseRefusedError(ConflictError):
         self.stage = stage
 
 
+class SkipReasonError(ResponseRefusedError):
+    """The reason is none that goes with this response."""
+
+
 class SetAsideError(ResponseRefusedError):
     """The query was set aside for a technical fault, and another one took its place."""
 

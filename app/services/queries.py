@@ -5,15 +5,22 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
+import numpy as np
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session, contains_eager, joinedload
 
 from app.storage.tables import Event, QueryRow, Response, SessionRow, Trial
 from app.study import protocol
 from app.study.protocol import ANSWERED, Stage
+from app.study.stages import PRACTICE_INDEX
 
 from .course import Record, Shown
 from .errors import NotFoundError
+from .proposals import TrialInHand
+from .studies import stored_plan
+
+#: Stands for the practice where a trial's seed is drawn: no plan has so many trials.
+_PRACTICE_SEED = 1_000_000
 
 
 @dataclass(frozen=True)
@@ -24,6 +31,28 @@ class Happening:
     side: str | None
     time_ms: float
     value: str | None
+
+
+def trial_seed(row: SessionRow, trial_index: int) -> int:
+    """Seed of one of the session's trials, or of its practice: 48 bits."""
+    own = _PRACTICE_SEED if trial_index == PRACTICE_INDEX else trial_index
+    sequence = np.random.SeedSequence([row.seed, own])
+    return int(sequence.generate_state(1, np.uint64)[0] >> np.uint64(16))
+
+
+def trial_in_hand(row: SessionRow, trial_index: int, seed: int) -> TrialInHand:
+    """All that a proposal in this trial of a session depends on."""
+    plan = stored_plan(row.plan)
+    # The practice is held as the first trial will be: in its environment, with its skip button.
+    condition = plan.conditions[row.trial_conditions[max(trial_index, 0)]]
+    return TrialInHand(
+        study_id=row.study_id,
+        environment=condition.environment,
+        method=condition.method,
+        settings=condition.settings,
+        seed=seed,
+        queries=plan.queries_per_trial,
+    )
 
 
 def find(session: Session, row: SessionRow, public_id: str) -> QueryRow:

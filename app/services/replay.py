@@ -14,7 +14,6 @@ from app.study.stages import PRACTICE_INDEX
 from . import queries, studies
 from .course import learned
 from .proposals import work_out
-from .state import trial_in_hand
 from .studio import Studio
 
 
@@ -60,7 +59,7 @@ def replay(studio: Studio, slug: str) -> Iterator[Replayed]:
 
 
 def _differences(studio: Studio, session: Session, trial: Trial) -> Iterator[Difference]:
-    in_hand = trial_in_hand(trial.session, trial.trial_index, trial.seed)
+    in_hand = queries.trial_in_hand(trial.session, trial.trial_index, trial.seed)
     space = studio.proposer.space(in_hand.study_id, in_hand.environment)
     record = queries.read_record(session, trial.id)
     for query in trial.queries:

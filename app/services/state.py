@@ -10,7 +10,6 @@ from datetime import datetime
 from functools import lru_cache
 from typing import Any
 
-import numpy as np
 from sqlalchemy.orm import Session
 
 from app.storage.tables import SessionRow
@@ -24,18 +23,12 @@ from app.study.protocol import (
     Stage,
     position,
 )
-from app.study.stages import PRACTICE_INDEX
 
-from . import playlist, practice, queries, recruitment
-from .course import learned
-from .proposals import NextQuery, TrialInHand
+from . import playlist, query_state, recruitment
 from .studies import stored_plan
 from .studio import Studio
 
 State = dict[str, Any]
-
-#: Stands for the practice where a trial's seed is drawn: no plan has so many trials.
-_PRACTICE_SEED = 1_000_000
 
 #: Stages that nothing leads out of.
 ENDED = tuple(stage.value for stage in FINAL_STAGES)
@@ -59,13 +52,13 @@ def describe(studio: Studio, session: Session, row: SessionRow) -> State:
             state["instructions"] = {"html": rendered(written["instructions"])}
         case Stage.FAMILIARISATION:
             state["familiarisation"] = {
-                "videos": [_video(clip) for clip in playlist.clips(studio, row)],
+                "videos": [query_state.video(clip) for clip in playlist.clips(studio, row)],
                 "required": plan.familiarisation.required,
                 "watched": playlist.watched(row),
                 "speeds": list(plan.familiarisation.speeds),
             }
         case Stage.PRACTICE | Stage.QUERY:
-            state["query"] = _query(studio, session, row, plan)
+            state["query"] = query_state.describe(studio, session, row)
         case Stage.QUESTIONNAIRE:
             state["questionnaire"] = _questionnaire(plan, progress.query_index, row.language)
         case Stage.BREAK:
@@ -124,71 +117,6 @@ def consent_text(written: Mapping[str, str]) -> dict[str, str]:
 @lru_cache(maxsize=256)
 def rendered(markdown: str) -> str:
     return texts.render(markdown)
-
-
-def video_url(public_id: str) -> str:
-    return f"/media/{public_id}.mp4"
-
-
-def trial_seed(row: SessionRow, trial_index: int) -> int:
-    """Seed of one of the session's trials, or of its practice: 48 bits."""
-    own = _PRACTICE_SEED if trial_index == PRACTICE_INDEX else trial_index
-    sequence = np.random.SeedSequence([row.seed, own])
-    return int(sequence.generate_state(1, np.uint64)[0] >> np.uint64(16))
-
-
-def trial_in_hand(row: SessionRow, trial_index: int, seed: int) -> TrialInHand:
-    plan = stored_plan(row.plan)
-    # The practice is held as the first trial will be: in its environment, with its skip button.
-    condition = plan.conditions[row.trial_conditions[max(trial_index, 0)]]
-    return TrialInHand(
-        study_id=row.study_id,
-        environment=condition.environment,
-        method=condition.method,
-        settings=condition.settings,
-        seed=seed,
-        queries=plan.queries_per_trial,
-    )
-
-
-def _query(studio: Studio, session: Session, row: SessionRow, plan: Plan) -> dict[str, Any]:
-    practising = row.stage == Stage.PRACTICE
-    trial_index = PRACTICE_INDEX if practising else row.trial_index
-    trial = next(trial for trial in row.trials if trial.trial_index == trial_index)
-    query = queries.standing_at(session, trial.id, row.query_index)
-    condition = plan.conditions[row.trial_conditions[row.trial_index]]
-    in_hand = trial_in_hand(row, trial_index, trial.seed)
-    if practising:
-        upcoming = [_after_practice(studio, row, plan, in_hand)]
-    else:
-        history = learned(queries.read_record(session, trial.id))
-        pair = (query.left_candidate, query.right_candidate)
-        upcoming = studio.proposer.upcoming(in_hand, history, pair)
-        if len(history) + 1 < in_hand.queries:
-            studio.proposer.work_ahead(in_hand, history, pair)
-    clips = [clip for following in upcoming for clip in (following.left, following.right)]
-    return {
-        "id": query.public_id,
-        "left": _video(query.left_recording),
-        "right": _video(query.right_recording),
-        "skip": condition.skip and {"label": plan.text(condition.skip.label, row.language)},
-        "practice": practising,
-        "prefetch": list(dict.fromkeys(video_url(clip.public_id) for clip in clips)),
-    }
-
-
-def _after_practice(studio: Studio, row: SessionRow, plan: Plan, in_hand: TrialInHand) -> NextQuery:
-    """What follows the open practice query: it does not depend on the response."""
-    if row.query_index + 1 < plan.practice.queries:
-        space = studio.proposer.space(in_hand.study_id, in_hand.environment)
-        return practice.pair(space, in_hand.seed, row.query_index + 1)
-    first = studio.proposer.step(trial_in_hand(row, 0, trial_seed(row, 0)), ()).next
-    assert first is not None
-    return first
-
-
-def _video(recording: Any) -> dict[str, Any]:
-    return {"url": video_url(recording.public_id), "duration_s": recording.duration_s}
 
 
 def _questionnaire(plan: Plan, page: int, language: str) -> dict[str, Any]:

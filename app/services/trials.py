@@ -10,8 +10,7 @@ from app.storage.tables import QueryRow, SessionRow, Trial
 from app.study.protocol import Stage
 from app.study.stages import PRACTICE, PRACTICE_INDEX
 
-from . import playlist, practice, studies
-from . import state as session_state
+from . import playlist, practice, queries, studies
 from .proposals import NextQuery
 from .studio import Studio
 from .tokens import new_public_id
@@ -43,7 +42,7 @@ def _begin(studio: Studio, session: Session, row: SessionRow) -> None:
         condition=condition.name,
         method=condition.method,
         environment=condition.environment,
-        seed=session_state.trial_seed(row, row.trial_index),
+        seed=queries.trial_seed(row, row.trial_index),
         started_at=now,
         queries=[query_row(first, now)],
     )
@@ -59,8 +58,8 @@ def _begin_practice(studio: Studio, session: Session, row: SessionRow) -> None:
         trial_index=PRACTICE_INDEX,
         condition=PRACTICE,
         method="random",
-        environment=session_state.trial_in_hand(row, PRACTICE_INDEX, 0).environment,
-        seed=session_state.trial_seed(row, PRACTICE_INDEX),
+        environment=queries.trial_in_hand(row, PRACTICE_INDEX, 0).environment,
+        seed=queries.trial_seed(row, PRACTICE_INDEX),
         started_at=now,
     )
     first = practice_query(studio, row, 0)
@@ -73,18 +72,14 @@ def _begin_practice(studio: Studio, session: Session, row: SessionRow) -> None:
 
 def practice_query(studio: Studio, row: SessionRow, query_index: int) -> NextQuery:
     """The practice's query at this place."""
-    in_hand = session_state.trial_in_hand(
-        row, PRACTICE_INDEX, session_state.trial_seed(row, PRACTICE_INDEX)
-    )
+    in_hand = queries.trial_in_hand(row, PRACTICE_INDEX, queries.trial_seed(row, PRACTICE_INDEX))
     space = studio.proposer.space(in_hand.study_id, in_hand.environment)
     return practice.pair(space, in_hand.seed, query_index)
 
 
 def first_query(studio: Studio, row: SessionRow) -> NextQuery:
     """The first query of that trial: drawn at random, with no model to fit."""
-    in_hand = session_state.trial_in_hand(
-        row, row.trial_index, session_state.trial_seed(row, row.trial_index)
-    )
+    in_hand = queries.trial_in_hand(row, row.trial_index, queries.trial_seed(row, row.trial_index))
     first = studio.proposer.step(in_hand, ()).next
     assert first is not None
     return first

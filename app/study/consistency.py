@@ -10,6 +10,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 from app.study import recruitment
+from app.study.comparing import skip_inconsistencies
 from app.study.files import misplaced
 from app.study.plain import (
     Inconsistency,
@@ -143,8 +144,7 @@ def _conditions(plan: Mapping[str, object]) -> Iterator[Inconsistency]:
             if not allows_skip[method] and skip is not None:
                 message = f"expected no skip button for method {method}, got one"
                 yield Inconsistency((*place, "skip"), message)
-        label = as_mapping(skip).get("label")
-        yield from all_languages((*place, "skip", "label"), label, languages_of(plan))
+        yield from skip_inconsistencies((*place, "skip"), skip, plan)
         yield from _finite((*place, "settings"), condition.get("settings"))
 
 

@@ -22,6 +22,7 @@ from pydantic import (
 )
 from pydantic_core import PydanticCustomError
 
+from app.study.comparing import QueryPage, Skip
 from app.study.consistency import CRANE, METHODS, inconsistencies
 from app.study.part import ONE_OR_MORE_TEXTS, LocalText, Part
 from app.study.questionnaire import Item, Questionnaires
@@ -67,12 +68,6 @@ class Environment(Part):
     @property
     def is_crane(self) -> bool:
         return self.source == CRANE
-
-
-class Skip(Part):
-    """The skip button: there is one exactly where the method has a use for a skip."""
-
-    label: LocalText = Field(description=ONE_OR_MORE_TEXTS)
 
 
 class Condition(Part):
@@ -132,6 +127,9 @@ class Plan(Part):
     blocks: Literal["session", "environment"] = Field(
         default="session",
         description="session, or environment to keep the trials of each environment together",
+    )
+    query: QueryPage = Field(
+        default=QueryPage(), description="a mapping such as {watch_once: true}"
     )
     questionnaires: Questionnaires = Field(
         default=Questionnaires(),

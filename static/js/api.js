@@ -2,7 +2,8 @@
  * The session's half of `/api/v1`: who is asking travels in the cookie, which study in a header.
  *
  * @typedef {{url: string, duration_s: number}} Recording
- * @typedef {{id: string, left: Recording, right: Recording, skip: null | {label: string}, prefetch: string[]}} Query
+ * @typedef {{id: string, left: Recording, right: Recording, skip: null | Skip, prefetch: string[], watch_once?: boolean}} Query
+ * @typedef {{label: string, reasons?: import("./reasons.js").Reason[]}} Skip
  * @typedef {{trial: number, trials: number, query: number, queries: number}} Progress
  * @typedef {{
  *   stage: string, progress: Progress, study: {break_s: number, stages: string[]}, query?: Query,
@@ -11,7 +12,7 @@
  * }} State
  * @typedef {"left" | "right" | "skip"} Response
  * @typedef {{event: string, side: string | null, time_ms: number, value: number | string | null}} Evidence
- * @typedef {{query_id: string, response: Response, rt_ms: number, replays: number, events: Evidence[]}} Answer
+ * @typedef {{query_id: string, response: Response, rt_ms: number, replays: number, skip_reason?: string, events: Evidence[]}} Answer
  * @typedef {{query_id: string, reason: string, events: Evidence[]}} Fault
  */
 

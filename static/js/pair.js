@@ -3,6 +3,7 @@
  *
  * @typedef {{
  *   onFirstPlaying: (at: number) => void,
+ *   onSeen: () => void,
  *   onNeedsPress: () => void,
  *   onNoPressNeeded: () => void,
  *   onMissing: (side: string) => void,
@@ -219,6 +220,7 @@ export class Pair {
     }
     this.phase = "resting";
     this.listener.onEvent("ended", null);
+    this.listener.onSeen();
     if (!wantsLessMotion()) {
       this.#rest = setTimeout(() => this.#start(), REST_MS);
     }

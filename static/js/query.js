@@ -11,6 +11,7 @@ import { Outbox } from "./outbox.js";
 import { Pace } from "./pace.js";
 import { Pair } from "./pair.js";
 import { Preloader } from "./preloader.js";
+import { Reasons } from "./reasons.js";
 
 /** A press this soon after a new pair was meant for the one before. */
 const GUARD_MS = 250;
@@ -32,6 +33,9 @@ const api = new SessionApi(slug);
 const preloader = new Preloader();
 const evidence = new EvidenceLog();
 const pace = new Pace(slug);
+const reasons = new Reasons(byId("reasons"));
+const heading = within(document, "h1");
+const question = heading.textContent ?? "";
 const start = byId("start");
 const notice = byId("notice");
 const noticeAction = byId("notice-action");
@@ -46,6 +50,8 @@ let turn = 0;
 let shownAt = 0;
 let sending = false;
 let missing = 0;
+/** Whether both videos of this pair were seen to their end, or need not be. */
+let seen = true;
 
 const pair = new Pair(within(stage, '.player[data-side="left"]'), within(stage, '.player[data-side="right"]'), preloader, {
   onFirstPlaying(at) {
@@ -54,6 +60,14 @@ const pair = new Pair(within(stage, '.player[data-side="left"]'), within(stage, 
     const mine = turn;
     setTimeout(() => mine === turn && open(), Math.max(0, shownAt + GUARD_MS - performance.now()));
     lookAhead(mine);
+  },
+  onSeen() {
+    if (!seen) {
+      seen = true;
+      heading.textContent = question;
+      announce("You can choose now.");
+      open();
+    }
   },
   onNeedsPress() {
     start.hidden = false;
@@ -83,6 +97,9 @@ function show() {
   turn += 1;
   shownAt = performance.now();
   sending = false;
+  seen = !query.watch_once;
+  heading.textContent = seen ? question : "Watch both videos to the end";
+  reasons.dismiss();
   start.hidden = true;
   notice.hidden = true;
   faultButton.setAttribute("aria-disabled", "false");
@@ -104,7 +121,7 @@ function show() {
 /** The pair can be answered. */
 function open() {
   say();
-  if (!sending) {
+  if (!sending && seen) {
     buttons.isOpen = true;
   }
 }
@@ -139,13 +156,23 @@ function say() {
  * @param {import("./api.js").Response} response
  * @param {Event} event
  */
-function respond(response, event) {
+async function respond(response, event) {
   keepKeysWorking(event);
-  if (!buttons.isOpen) {
+  if (!buttons.isOpen || reasons.isOpen) {
     return;
   }
   evidence.add("pressed", null, event instanceof KeyboardEvent ? "key" : "button");
-  send(evidence.answer(query.id, response, event.timeStamp, pair));
+  const offered = response === "skip" ? query.skip?.reasons : undefined;
+  const mine = turn;
+  const reason = offered ? await reasons.ask(offered) : undefined;
+  if (offered) {
+    focusHeading();
+  }
+  if (mine !== turn || reason === null) {
+    return; // another pair came meanwhile, or the skip was taken back
+  }
+  const answer = evidence.answer(query.id, response, event.timeStamp, pair);
+  send(reason ? { ...answer, skip_reason: reason } : answer);
 }
 
 /** @param {import("./api.js").Answer} answer */
@@ -197,7 +224,7 @@ async function setAside(how) {
           // There is no other pair to show: this one may still come to play.
           sending = false;
           faultButton.setAttribute("aria-disabled", "false");
-          buttons.isOpen = pair.hasPlayed;
+          buttons.isOpen = pair.hasPlayed && seen;
           warn(error.message);
           return;
         }

@@ -45,8 +45,8 @@ Faults = Callable[[Path], list[str]]
             "skip: {label: Neither}",
             "skip: {label: Neither, labels: Both}",
             (
-                "study.yaml:14: conditions[0].skip.labels: unknown key, expected one of label"
-                " (did you mean label?)"
+                "study.yaml:14: conditions[0].skip.labels: unknown key, expected one of label,"
+                " reasons (did you mean label?)"
             ),
         ),
         (

@@ -1,0 +1,83 @@
+"""What the page of a query may know of it: two videos, and how they may be answered."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from sqlalchemy.orm import Session
+
+from app.storage.tables import QueryRow, SessionRow
+from app.study.comparing import Skip
+from app.study.plan import Plan
+from app.study.protocol import Stage
+from app.study.stages import PRACTICE_INDEX
+
+from . import practice, queries
+from .course import learned
+from .proposals import NextQuery, TrialInHand
+from .studies import stored_plan
+from .studio import Studio
+
+
+def describe(studio: Studio, session: Session, row: SessionRow) -> dict[str, Any]:
+    """The open query of STATE. What a study does not ask for is not in it."""
+    plan = stored_plan(row.plan)
+    practising = row.stage == Stage.PRACTICE
+    trial_index = PRACTICE_INDEX if practising else row.trial_index
+    trial = next(trial for trial in row.trials if trial.trial_index == trial_index)
+    query = queries.standing_at(session, trial.id, row.query_index)
+    condition = plan.conditions[row.trial_conditions[row.trial_index]]
+    coming = _coming(studio, session, row, query)
+    clips = [clip for following in coming for clip in (following.left, following.right)]
+    state: dict[str, Any] = {
+        "id": query.public_id,
+        "left": video(query.left_recording),
+        "right": video(query.right_recording),
+        "skip": condition.skip and _skip(plan, condition.skip, row.language),
+        "practice": practising,
+        "prefetch": list(dict.fromkeys(video_url(clip.public_id) for clip in clips)),
+    }
+    if plan.query.watch_once:
+        state["watch_once"] = True
+    return state
+
+
+def video_url(public_id: str) -> str:
+    return f"/media/{public_id}.mp4"
+
+
+def video(recording: Any) -> dict[str, Any]:
+    return {"url": video_url(recording.public_id), "duration_s": recording.duration_s}
+
+
+def _skip(plan: Plan, skip: Skip, language: str) -> dict[str, Any]:
+    state: dict[str, Any] = {"label": plan.text(skip.label, language)}
+    if skip.reasons:
+        state["reasons"] = [
+            {"name": name, "label": plan.text(label, language)}
+            for name, label in skip.reasons.items()
+        ]
+    return state
+
+
+def _coming(studio: Studio, session: Session, row: SessionRow, query: QueryRow) -> list[NextQuery]:
+    """What may come next, the likeliest first, as far as it is worked out."""
+    in_hand = queries.trial_in_hand(row, query.trial.trial_index, query.trial.seed)
+    if query.trial.trial_index == PRACTICE_INDEX:
+        return [_after_practice(studio, row, in_hand)]
+    history = learned(queries.read_record(session, query.trial_id))
+    pair = (query.left_candidate, query.right_candidate)
+    coming = studio.proposer.upcoming(in_hand, history, pair)
+    if len(history) + 1 < in_hand.queries:
+        studio.proposer.work_ahead(in_hand, history, pair)
+    return coming
+
+
+def _after_practice(studio: Studio, row: SessionRow, in_hand: TrialInHand) -> NextQuery:
+    """What follows the open practice query: it does not depend on the response."""
+    if row.query_index + 1 < stored_plan(row.plan).practice.queries:
+        space = studio.proposer.space(in_hand.study_id, in_hand.environment)
+        return practice.pair(space, in_hand.seed, row.query_index + 1)
+    first = studio.proposer.step(queries.trial_in_hand(row, 0, queries.trial_seed(row, 0)), ()).next
+    assert first is not None
+    return first

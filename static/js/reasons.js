@@ -1,0 +1,83 @@
+/**
+ * Why a pair is skipped: a few small buttons over the videos, which play on. The response counts from the press
+ * on skip; what is chosen here only says what was meant by it.
+ *
+ * @typedef {{name: string, label: string}} Reason
+ */
+
+import { within } from "./dom.js";
+
+export class Reasons {
+  /** @type {(name: string | null) => void} */
+  #choose = () => {};
+
+  /** @param {HTMLElement} panel */
+  constructor(panel) {
+    this.panel = panel;
+    this.list = within(panel, "[data-reasons]");
+    within(panel, "[data-back]").addEventListener("click", () => this.#close(null));
+    panel.addEventListener("keydown", (event) => this.#key(event));
+  }
+
+  get isOpen() {
+    return !this.panel.hidden;
+  }
+
+  /**
+   * @param {Reason[]} reasons
+   * @returns {Promise<string | null>} the name of the reason, or null for going back
+   */
+  ask(reasons) {
+    this.list.replaceChildren(...reasons.map((reason) => this.#button(reason)));
+    this.panel.hidden = false;
+    this.buttons[0].focus();
+    return new Promise((resolve) => {
+      this.#choose = resolve;
+    });
+  }
+
+  /** Another pair is on the page: nobody waits for a reason any more. */
+  dismiss() {
+    if (this.isOpen) {
+      this.#close(null);
+    }
+  }
+
+  /** @returns {HTMLButtonElement[]} */
+  get buttons() {
+    return [...this.panel.querySelectorAll("button")];
+  }
+
+  /** @param {Reason} reason */
+  #button({ name, label }) {
+    const button = document.createElement("button");
+    button.type = "button";
+    button.className = "button button-line button-small";
+    button.dataset.testid = `reason-${name}`;
+    button.textContent = label;
+    button.addEventListener("click", () => this.#close(name));
+    return button;
+  }
+
+  /** @param {string | null} name */
+  #close(name) {
+    this.panel.hidden = true;
+    this.#choose(name);
+  }
+
+  /** @param {KeyboardEvent} event */
+  #key(event) {
+    const steps = { ArrowDown: 1, ArrowRight: 1, ArrowUp: -1, ArrowLeft: -1 };
+    const step = steps[/** @type {keyof typeof steps} */ (event.key)];
+    if (event.key === "Escape") {
+      this.#close(null);
+    } else if (step) {
+      const { buttons } = this;
+      const at = buttons.indexOf(/** @type {HTMLButtonElement} */ (document.activeElement));
+      buttons[(at + step + buttons.length) % buttons.length].focus();
+    } else {
+      return;
+    }
+    event.preventDefault();
+  }
+}

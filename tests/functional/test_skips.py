@@ -1,0 +1,73 @@
+"""Why a pair was skipped, where a study asks for it; and what is said only if it is asked for."""
+
+from __future__ import annotations
+
+import pytest
+
+from app.services.studies import StudyInfo
+from app.services.studio import Studio
+from tests.conftest import SHORT_PLAN, StudyShelf
+
+from .client import Api, Session
+
+ASKING_PLAN = SHORT_PLAN.replace(
+    "    skip: {label: {en: I don't like either.}}",
+    "    skip:\n      label: {en: I don't like either.}\n"
+    "      reasons: {both_bad: {en: Both are bad}, cannot_tell: I cannot tell}",
+).replace("break_s: 120", "break_s: 0\norder: fixed\nquery: {watch_once: true}")
+
+
+@pytest.fixture
+def asking(studio: Studio, study_shelf: StudyShelf, client: Api) -> Session:
+    study_shelf.put_into(studio, ASKING_PLAN)
+    return client.start().to_first_query()
+
+
+def test_the_page_is_told_the_reasons_in_the_order_of_the_plan(asking: Session) -> None:
+    assert asking.state["query"]["skip"] == {
+        "label": "I don't like either.",
+        "reasons": [
+            {"name": "both_bad", "label": "Both are bad"},
+            {"name": "cannot_tell", "label": "I cannot tell"},
+        ],
+    }
+    assert asking.state["query"]["watch_once"] is True
+
+
+def test_what_a_study_does_not_ask_for_is_not_in_its_queries(
+    client: Api, short_study: StudyInfo
+) -> None:
+    query = client.start().to_first_query().state["query"]
+    assert set(query) == {"id", "left", "right", "skip", "practice", "prefetch"}
+    assert query["skip"] is None or set(query["skip"]) == {"label"}
+
+
+def test_reasons_are_kept_apart_in_the_data(asking: Session, studio: Studio) -> None:
+    assert asking.respond("skip", skip_reason="cannot_tell").status_code == 200
+    assert asking.respond("skip", skip_reason="both_bad").status_code == 200
+    assert asking.respond("skip").status_code == 200
+    assert asking.respond("left").status_code == 200
+    from app.services.export import TABLES, Request, csv_stream
+    from app.services.studies import find
+
+    table = b"".join(csv_stream(studio, TABLES["queries"], Request(find(studio, "short"))))
+    lines = [line.split(",") for line in table.decode().splitlines()]
+    column = lines[0].index("skip_reason")
+    assert [line[column] for line in lines[1:5]] == ["cannot_tell", "both_bad", "", ""]
+
+
+@pytest.mark.parametrize(
+    ("response", "reason", "detail"),
+    [
+        ("skip", "tired", "expected one of both_bad, cannot_tell, got 'tired'"),
+        ("left", "both_bad", "expected a reason with a skip only, got one with 'left'"),
+    ],
+)
+def test_a_reason_that_is_not_offered_is_refused(
+    asking: Session, response: str, reason: str, detail: str
+) -> None:
+    refusal = asking.respond(response, skip_reason=reason)
+    assert refusal.status_code == 422
+    assert refusal.json()["type"] == "urn:pbpo-studio:problem:skip-reason"
+    assert refusal.json()["detail"] == detail
+    assert asking.look()["progress"]["query"] == 1

@@ -2,24 +2,23 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 
 import numpy as np
-from sqlalchemy import or_, select
+from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from app.storage.tables import Participant, SessionRow, Study
 from app.study import assignment
 from app.study import recruitment as rules
 from app.study.plan import Plan
-from app.study.protocol import Progress, Stage
+from app.study.protocol import Progress
 
-from . import entry_links, failures, returning, studies
+from . import entry_links, failures, places, returning, sessions, studies
 from . import state as session_state
-from .errors import ForbiddenError, StudyNotOpenError
+from .errors import ForbiddenError, SignInRequiredError, StudyNotOpenError
 from .state import State
 from .studio import Studio
 from .tokens import new_pseudonym, new_secret, receipt_code, receipt_hash, secret_hash
@@ -27,9 +26,6 @@ from .tokens import new_pseudonym, new_secret, receipt_code, receipt_hash, secre
 LIVE = "live"
 PREVIEW = "preview"
 SIMULATED = "simulated"
-
-#: A session that was not heard of for so long no longer holds its place in the balance.
-ACTIVE_FOR = timedelta(hours=1)
 
 
 @dataclass(frozen=True)
@@ -50,7 +46,8 @@ class Entrance:
 def entrance(
     studio: Studio, slug: str, language: str | None = None, *, entry: str | None = None
 ) -> Entrance:
-    """The open study's consent. Raises NotFoundError, StudyNotOpenError or EntryLinkError.
+    """The open study's consent. Raises NotFoundError, StudyNotOpenError, StudyFullError
+    or EntryLinkError.
 
     entry: the token of a link that lets one person in, where the study wants one.
     """
@@ -58,6 +55,7 @@ def entrance(
     failures.remember(slug, study.plan)
     _require_open(study.status, slug, LIVE)
     with studio.database.read() as session:
+        places.require(session, study, LIVE, studio.now())
         entry_links.require_unused(session, study, entry)
     language = _language(study.plan, language)
     return Entrance(
@@ -78,9 +76,11 @@ def start(
     language: str | None = None,
     by_experimenter: bool = False,
     entry: str | None = None,
+    after: str | None = None,
 ) -> tuple[str, State]:
     """Begin a session, or take somebody back into theirs: a token, shown this once, and its state.
 
+    after: the token of a session that was left for too long, where the study lets one begin anew.
     Raises AlreadyTakenPartError where the study does not let a person in twice, and EntryLinkError
     where it wants a link for each person and this one lets nobody in.
     """
@@ -100,9 +100,12 @@ def start(
                 returning.take_back(studio, session, earlier, token, ids)
                 session.flush()
                 return token, session_state.describe(studio, session, earlier)
+        elif after is not None:
+            earlier = _left_behind(studio, session, study, after)
         _require_open(study.status, slug, mode, by_experimenter=by_experimenter)
         now = studio.now()
         if mode == LIVE:
+            places.require(session, study, mode, now)
             entry_links.use(session, study, entry, now)
         participant_id = earlier.participant_id if earlier is not None else None
         if participant_id is None:
@@ -138,6 +141,19 @@ def start(
     return token, state
 
 
+def _left_behind(
+    studio: Studio, session: Session, study: studies.StudyInfo, token: str
+) -> SessionRow | None:
+    """The session of `token`, which its study lets one begin anew: it is the same participant's."""
+    try:
+        row = sessions.find(studio, session, token, even_expired=True)
+    except SignInRequiredError:
+        return None
+    plan = studies.stored_plan(row.plan)
+    is_left = plan.resume.policy == "restart" and places.is_too_old(plan, row, studio.now())
+    return row if is_left and row.study_id == study.id else None
+
+
 def _ids(plan: Plan, given: Mapping[str, str]) -> Mapping[str, str]:
     """What is kept of the ids that came: of a platform its own, else what a program has given."""
     return given if _platform(plan) is None else rules.kept(plan.recruitment, given)
@@ -165,18 +181,7 @@ def _assign(
     """The order of conditions that the fewest have finished or are in the middle of."""
     plan = study.plan
     orders = assignment.plan_orders(plan)
-    holds_a_place = or_(
-        SessionRow.stage == Stage.COMPLETED.value,
-        SessionRow.stage.not_in(session_state.ENDED)
-        & (SessionRow.last_seen_at >= now - ACTIVE_FOR),
-    )
-    taken = Counter(
-        session.scalars(
-            select(SessionRow.order_index).where(
-                SessionRow.study_id == study.id, SessionRow.mode == mode, holds_a_place
-            )
-        )
-    )
+    taken = places.by_order(session, study, mode, now)
     counts = [taken[index] for index in range(len(orders))]
     chosen = assignment.choose_order(counts, np.random.default_rng([seed, 103]))
     return chosen, assignment.trial_conditions(plan, orders[chosen])

@@ -23,6 +23,14 @@ class SessionExpiredError(ServiceError):
     """The session's token was good once."""
 
 
+class SessionTooOldError(SessionExpiredError):
+    """The session was left for longer than its study lets one resume it; `policy` says what now."""
+
+    def __init__(self, message: str, policy: str) -> None:
+        super().__init__(message)
+        self.policy = policy
+
+
 class ForbiddenError(ServiceError):
     """The caller is known, and may not do this."""
 
@@ -37,6 +45,10 @@ class EntryLinkError(ForbiddenError):
 
 class StudyNotOpenError(ServiceError):
     """The study takes no participants now."""
+
+
+class StudyFullError(ServiceError):
+    """All places of the study are taken."""
 
 
 class ConflictError(ServiceError):

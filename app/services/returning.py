@@ -16,7 +16,7 @@ from app.storage.tables import Identity, Participant, SessionRow
 from app.study import recruitment as rules
 from app.study.plan import Plan
 
-from . import recruitment, sessions, studies
+from . import places, recruitment, sessions, studies
 from . import state as session_state
 from .errors import AlreadyTakenPartError, SessionExpiredError, SignInRequiredError
 from .studio import Studio
@@ -91,7 +91,15 @@ def earlier_session(
 
 
 def may_go_on(studio: Studio, plan: Plan, earlier: SessionRow) -> bool:
-    """Whether a person is taken back into this session, rather than beginning another one."""
+    """Whether a person is taken back into this session, rather than beginning another one.
+
+    Raises SessionTooOldError if they were away for too long to do either.
+    """
+    its_plan, now = studies.stored_plan(earlier.plan), studio.now()
+    if its_plan.resume.policy == "block":
+        places.refuse_if_too_old(its_plan, earlier, now)
+    if places.is_too_old(its_plan, earlier, now):
+        return False
     ended = earlier.stage in session_state.ENDED
     return plan.recruitment.returning == "resume" and (ended or studio.now() < earlier.expires_at)
 

@@ -9,8 +9,8 @@ from app.storage.arrivals import Reentry
 from app.storage.tables import SessionRow
 from app.study import protocol
 
+from . import places, studies
 from . import state as session_state
-from . import studies
 from .errors import SessionExpiredError, SignInRequiredError
 from .studio import Studio
 from .tokens import secret_hash
@@ -44,6 +44,8 @@ def find(
         raise SessionExpiredError(
             f"the session expired at {row.expires_at.isoformat(timespec='seconds')}"
         )
+    if not even_expired:
+        places.refuse_if_too_old(studies.stored_plan(row.plan), row, studio.now())
     return row
 
 

@@ -77,6 +77,7 @@ def inconsistencies(plan: Mapping[str, object]) -> list[Inconsistency]:
         *_environments(plan),
         *_conditions(plan),
         *_practice(plan),
+        *_resume(plan),
         *_familiarisation(plan),
         *recruitment.disagreements(plan),
         *_blocks(plan),
@@ -162,6 +163,15 @@ def _practice(plan: Mapping[str, object]) -> Iterator[Inconsistency]:
         if as_mapping(condition).get("name") == PRACTICE and plan.get("practice") is not None:
             message = f"expected another name, {PRACTICE!r} is what the practice is called"
             yield Inconsistency(("conditions", index, "name"), message)
+
+
+def _resume(plan: Mapping[str, object]) -> Iterator[Inconsistency]:
+    """Without an age, nobody could be told from those who only refresh their page."""
+    resume = as_mapping(plan.get("resume"))
+    policy = resume.get("policy")
+    if policy in ("restart", "block") and resume.get("max_age_hours") is None:
+        message = f"expected a number of hours after which policy {policy} holds, got none"
+        yield Inconsistency(("resume", "max_age_hours"), message)
 
 
 def _blocks(plan: Mapping[str, object]) -> Iterator[Inconsistency]:

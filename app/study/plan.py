@@ -28,7 +28,7 @@ from app.study.part import ONE_OR_MORE_TEXTS, LocalText, Part
 from app.study.questionnaire import Item, Questionnaires
 from app.study.recordings import RecordingRow
 from app.study.recruitment import Recruitment
-from app.study.stages import Familiarisation, Practice
+from app.study.stages import Familiarisation, Practice, Resume
 
 # These name folders as well, so they hold nothing that leads elsewhere.
 LANGUAGE_PATTERN = r"^[a-z]{2,3}(-[A-Za-z0-9]{2,8})*$"
@@ -137,6 +137,15 @@ class Plan(Part):
     )
     recruitment: Recruitment = Field(
         default=Recruitment(), description="a mapping such as {platform: prolific, codes: ...}"
+    )
+    places: StrictInt | None = Field(
+        default=None, ge=1, le=1_000_000, description="a whole number of people of at least 1"
+    )
+    lease_minutes: StrictInt = Field(
+        default=60, ge=5, le=100_000, description="a whole number of minutes of at least 5"
+    )
+    resume: Resume = Field(
+        default=Resume(), description="a mapping such as {policy: restart, max_age_hours: 24}"
     )
     session_expires_after_days: StrictInt = Field(
         default=14, ge=1, le=3650, description="a whole number of days from 1 to 3650"

@@ -1,6 +1,6 @@
 """What a plan may say of the stages around its comparisons."""
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import Field, StrictInt
 
@@ -35,4 +35,19 @@ class Practice(Part):
 
     queries: StrictInt = Field(
         default=0, ge=0, le=100, description="a whole number from 0 (none) to 100"
+    )
+
+
+class Resume(Part):
+    """What happens to somebody who comes back to a session that they did not finish.
+
+    Within `max_age_hours` of their last action everybody goes on where they were: a closed page, a
+    refresh and a power cut look alike.
+    """
+
+    policy: Literal["resume", "restart", "block"] = Field(
+        default="resume", description="resume, restart or block"
+    )
+    max_age_hours: Annotated[float, Field(ge=0.5, le=8760, allow_inf_nan=False)] | None = Field(
+        default=None, description="a number of hours from 0.5 to 8760"
     )

@@ -12,7 +12,9 @@ from app.services.errors import (
     AlreadyTakenPartError,
     EntryLinkError,
     SessionExpiredError,
+    SessionTooOldError,
     SignInRequiredError,
+    StudyFullError,
     StudyNotOpenError,
 )
 from app.services.state import State
@@ -40,6 +42,8 @@ def enter(slug: str, request: Request, studio: StudioDep) -> Response:
         if _is_of_another(request, slug, studio):
             return _arrival(request, slug, studio)
         state = participation.current(studio, token_of(request, slug))
+    except SessionTooOldError as error:
+        return _left(request, slug, studio, error)
     except SessionExpiredError:
         response = render(request, slug, "participant/expired.html", "The session has expired")
         response.delete_cookie(session_cookie(slug))
@@ -56,6 +60,8 @@ def consent(
     """Agree. Only now is anything kept of a newcomer."""
     token = request.cookies.get(session_cookie(slug))
     if token is None or not is_known(studio, token) or _is_of_another(request, slug, studio):
+        if _is_barred(studio, token):
+            return to_stage(slug)
         entry = request.query_params.get(ENTRY)
         ids = recruitment.ids_in_link(studio, slug, request.query_params)
         try:
@@ -63,12 +69,14 @@ def consent(
             if version != entrance.consent["version"]:
                 return to_stage(slug, request.url.query)
             token, _ = admission.start(
-                studio, slug, external_ids=ids, language=entrance.language, entry=entry
+                studio, slug, external_ids=ids, language=entrance.language, entry=entry, after=token
             )
         except EntryLinkError as error:
             return _no_entry(request, slug, studio, error)
         except AlreadyTakenPartError as error:
             return _taken_part(request, slug, studio, error)
+        except (StudyFullError, SessionTooOldError):
+            return to_stage(slug, request.url.query)
     response = do(slug, lambda: participation.consent(studio, token, version))
     set_cookie(response, studio, session_cookie(slug), token, max_age=SESSION_COOKIE_SECONDS)
     return response
@@ -104,6 +112,8 @@ def _arrival(request: Request, slug: str, studio: Studio) -> Response:
             token = returning.come_back(studio, slug, ids)
         except AlreadyTakenPartError as error:
             return _taken_part(request, slug, studio, error)
+        except SessionTooOldError as error:
+            return _left(request, slug, studio, error)
         if token is not None:
             response = to_stage(slug)
             set_cookie(
@@ -120,6 +130,38 @@ def _is_of_another(request: Request, slug: str, studio: Studio) -> bool:
         return False
     ids = recruitment.ids_in_link(studio, slug, request.query_params)
     return returning.is_somebody_else(studio, token, ids)
+
+
+def _left(request: Request, slug: str, studio: Studio, error: SessionTooOldError) -> Response:
+    """Back after too long: what the study's resume policy has for them."""
+    if error.policy == "restart":
+        return _entrance(request, slug, studio)
+    plan = studies.find(studio, slug).plan
+    response = render(
+        request,
+        slug,
+        "participant/left.html",
+        "This session cannot be taken up again",
+        status=409,
+        study_title=plan.text(plan.title, plan.default_language),
+        contact=plan.contact,
+        may_begin_again=error.policy == "resume",
+    )
+    if error.policy == "resume":
+        response.delete_cookie(session_cookie(slug))
+    return response
+
+
+def _is_barred(studio: Studio, token: str | None) -> bool:
+    """Whether the browser's session was left for so long that the study lets nobody begin anew."""
+    try:
+        if token is not None:
+            participation.current(studio, token)
+    except SessionTooOldError as error:
+        return error.policy == "block"
+    except (SessionExpiredError, SignInRequiredError):
+        return False
+    return False
 
 
 def _taken_part(
@@ -158,6 +200,17 @@ def _entrance(request: Request, slug: str, studio: Studio) -> Response:
         entrance = admission.entrance(studio, slug, entry=request.query_params.get(ENTRY))
     except EntryLinkError as error:
         return _no_entry(request, slug, studio, error)
+    except StudyFullError:
+        plan = studies.find(studio, slug).plan
+        return render(
+            request,
+            slug,
+            "participant/full.html",
+            "No place left",
+            status=409,
+            study_title=plan.text(plan.title, plan.default_language),
+            contact=plan.contact,
+        )
     except StudyNotOpenError as error:
         return render(
             request, slug, "participant/closed.html", "Not open", message=str(error), status=409

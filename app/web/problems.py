@@ -46,6 +46,7 @@ KINDS: tuple[tuple[type[Exception], Kind], ...] = (
     (errors.AlreadyAnsweredError, Kind(409, "already-answered", "Already answered")),
     (errors.SkipNotOfferedError, Kind(409, "skip-not-offered", "No skip here")),
     (errors.AnswersRefusedError, Kind(422, "answers-refused", "Some answers cannot be taken")),
+    (errors.StudyFullError, Kind(409, "study-full", "The study is full")),
     (errors.ConflictError, Kind(409, "conflict", "Not possible now")),
     (protocol.StaleConsent, Kind(409, "stale-consent", "The consent text has changed")),
     (protocol.BreakNotOver, Kind(409, "break-not-over", "The break is not over")),

@@ -275,3 +275,17 @@ def test_nonsense_in_any_place_is_named_and_never_breaks_the_check(
     found = faults(folder)
     assert len(found) >= 5
     assert all(fault.startswith("study.yaml:") for fault in found)
+
+
+@pytest.mark.parametrize("policy", ["restart", "block"])
+def test_a_policy_for_those_who_come_late_needs_to_know_when_it_is_late(
+    folder: Path, edit: Edit, faults: Faults, policy: str
+) -> None:
+    rule = f"queries_per_trial: 4\nresume: {{policy: {policy}}}"
+    edit(folder / "study.yaml", "queries_per_trial: 4", rule)
+    assert faults(folder) == [
+        (
+            "study.yaml:20: resume.max_age_hours: expected a number of hours after which policy"
+            f" {policy} holds, got none"
+        )
+    ]

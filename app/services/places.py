@@ -1,0 +1,69 @@
+"""How many places of a study are taken, and by whom: those who completed it, or are still in it."""
+
+from __future__ import annotations
+
+from collections import Counter
+from datetime import datetime, timedelta
+
+from sqlalchemy import ColumnElement, and_, func, or_, select
+from sqlalchemy.orm import Session
+
+from app.storage.tables import SessionRow
+from app.study.plan import Plan
+from app.study.protocol import Stage
+
+from . import state as session_state
+from .errors import SessionTooOldError, StudyFullError
+from .studies import StudyInfo
+
+
+def by_order(session: Session, study: StudyInfo, mode: str, now: datetime) -> Counter[int]:
+    """How many sessions hold a place in each order of conditions."""
+    held = session.execute(
+        select(SessionRow.order_index, func.count(SessionRow.id))
+        .where(SessionRow.mode == mode, _held(study, now))
+        .group_by(SessionRow.order_index)
+    )
+    return Counter({row[0]: row[1] for row in held})
+
+
+def require(session: Session, study: StudyInfo, mode: str, now: datetime) -> None:
+    """Raises StudyFullError if completed and active sessions fill the study's places."""
+    places = study.plan.places
+    if places is not None and by_order(session, study, mode, now).total() >= places:
+        raise StudyFullError(f"all {places} places of the study {study.slug!r} are taken")
+
+
+def refuse_if_too_old(plan: Plan, row: SessionRow, now: datetime) -> None:
+    """Raises SessionTooOldError if the session was left for too long to be resumed."""
+    if is_too_old(plan, row, now):
+        raise SessionTooOldError(
+            f"expected to be back within {plan.resume.max_age_hours:g} hours,"
+            f" the session was left at {row.last_seen_at.isoformat(timespec='seconds')}",
+            plan.resume.policy,
+        )
+
+
+def is_too_old(plan: Plan, row: SessionRow, now: datetime) -> bool:
+    """Whether an unfinished session was left for longer than its study lets one resume it."""
+    hours = plan.resume.max_age_hours
+    return (
+        hours is not None
+        and row.stage not in session_state.ENDED
+        and now - row.last_seen_at >= timedelta(hours=hours)
+    )
+
+
+def _held(study: StudyInfo, now: datetime) -> ColumnElement[bool]:
+    """Completed, or heard of within the lease: whoever merely started would empty a condition."""
+    lease = timedelta(minutes=study.plan.lease_minutes)
+    return and_(
+        SessionRow.study_id == study.id,
+        or_(
+            SessionRow.stage == Stage.COMPLETED.value,
+            and_(
+                SessionRow.stage.not_in(session_state.ENDED),
+                SessionRow.last_seen_at >= now - lease,
+            ),
+        ),
+    )

@@ -86,10 +86,9 @@ READINGS: Final[Mapping[int, tuple[Reading, ...]]] = MappingProxyType(
                 "soon propose candidates better than the mean. Two methods that differ in 4 "
                 "queries cannot differ much. The table of the demanding evaluator bears this out: "
                 "where the level lies one deviation higher, skips are many, and in Env1 the "
-                "difference grows to the paper's size, at 60 and 80 queries beyond chance. So "
-                "what the paper reports for Env1 can be had, and hangs on when an evaluator "
-                "skips, which the paper does not say. We keep the level that was laid down "
-                "before.",
+                "difference grows far beyond chance at 60 and 80 queries. So what the paper "
+                "reports for Env1 can be had; it hangs on when an evaluator skips, which the "
+                "paper does not say. We keep the level that was laid down before.",
             ),
             Reading(
                 {f"fig13-env2-pbpo-no-skip-{queries}": False for queries in (60, 80)},
@@ -106,12 +105,12 @@ READINGS: Final[Mapping[int, tuple[Reading, ...]]] = MappingProxyType(
                     "fig17-env2-pbpo-no-synthesis-30": False,
                     "fig17-env2-pbpo-no-skip-30": False,
                 },
-                "Env2: after 10 and 20 queries PBPO is ahead of both others, as in the paper; by "
-                "30 they have caught up, which in the paper they have not. With 15 trials and "
-                "deviations of 30 g and more, only differences of some 24 g can be significant. "
-                "Three of the five stand-ins skip so seldom that PBPO is nearly the same method "
-                "as without a skip for them. People differ from them in ways that we cannot "
-                "simulate, so this says little about the paper's experiment.",
+                "Env2: after 20 queries PBPO is ahead of both others as in the paper, but not "
+                "significantly; by 30 they have caught up, which in the paper they have not. With "
+                "15 trials and deviations of 30 g and more, only differences of some 24 g can be "
+                "significant. Three of the five stand-ins skip so seldom that PBPO is nearly the "
+                "same method as without a skip for them. People differ from them in ways that we "
+                "cannot simulate, so this says little about the paper's experiment.",
             ),
         ),
         18: (

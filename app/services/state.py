@@ -63,7 +63,10 @@ def describe(studio: Studio, session: Session, row: SessionRow) -> State:
             state["questionnaire"] = _questionnaire(plan, progress.query_index, row.language)
         case Stage.BREAK:
             assert progress.break_ends_at is not None
-            state["break"] = _break(progress.break_ends_at, studio.now())
+            state["break"] = {
+                **_break(progress.break_ends_at, studio.now()),
+                "next_skip": _skip(plan, row, progress.trial_index),
+            }
         case Stage.DEBRIEF:
             state["debrief"] = {"html": rendered(written["debrief"])}
         case Stage.COMPLETED | Stage.SCREENED_OUT | Stage.WITHDRAWN | Stage.DECLINED:
@@ -136,6 +139,12 @@ def _questionnaire(plan: Plan, page: int, language: str) -> dict[str, Any]:
             for item in plan.items(page)
         ],
     }
+
+
+def _skip(plan: Plan, row: SessionRow, trial_index: int) -> dict[str, str] | None:
+    """The skip button of a trial: its label, where there is one."""
+    skip = plan.conditions[row.trial_conditions[trial_index]].skip
+    return None if skip is None else {"label": plan.text(skip.label, row.language)}
 
 
 def _break(ends_at: datetime, now: datetime) -> dict[str, Any]:

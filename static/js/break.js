@@ -26,7 +26,10 @@ const countdown = new Countdown({
   onOver() {
     if (button.disabled) {
       button.disabled = false;
+      byId("resting").hidden = true;
+      byId("over").hidden = false;
       announce("The break is over. You can continue.");
+      button.focus();
     }
   },
 });

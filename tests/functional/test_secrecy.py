@@ -21,7 +21,7 @@ ALLOWED = {
     *("stage", "progress", "trial", "trials", "query", "queries", "study", "slug", "title"),
     *("contact", "language", "consent", "version", "html", "instructions", "familiarisation"),
     *("videos", "required", "watched", "speeds", "url", "duration_s", "id", "left", "right"),
-    *("skip", "label", "stages"),
+    *("skip", "next_skip", "label", "stages"),
     *("prefetch", "break", "break_s", "ends_at", "seconds_left", "debrief"),
 }
 #: What the study knows and an evaluator must not: conditions, methods, environments, settings.

@@ -34,9 +34,10 @@ def describe(studio: Studio, session: Session, row: SessionRow) -> dict[str, Any
         "left": video(query.left_recording),
         "right": video(query.right_recording),
         "skip": condition.skip and _skip(plan, condition.skip, row.language),
-        "practice": practising,
         "prefetch": list(dict.fromkeys(video_url(clip.public_id) for clip in clips)),
     }
+    if practising:
+        state["practice"] = True
     if plan.query.watch_once:
         state["watch_once"] = True
     return state

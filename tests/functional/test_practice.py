@@ -36,7 +36,7 @@ def test_practice_is_asked_first_and_looks_like_any_query(
         session.respond("right")
     assert session.state["stage"] == "query"
     first = session.state["query"]
-    assert first["practice"] is False
+    assert "practice" not in first
     assert first["skip"] == shown[0]["skip"]
     # What was fetched ahead is what came.
     for query, following in zip(shown, [*shown[1:], first], strict=True):

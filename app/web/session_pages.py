@@ -44,6 +44,7 @@ def render(
         "contact": study["contact"],
         "language": state["language"] if state else "en",
         "page_title": title,
+        "delete_url": f"{str(request.base_url).rstrip('/')}/s/{slug}/delete",
         "receipt": receipt_code(token) if state and token else None,
         **context,
     }

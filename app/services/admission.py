@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 
@@ -13,6 +13,7 @@ from sqlalchemy.orm import Session
 from app.storage.tables import Participant, SessionRow, Study
 from app.study import assignment
 from app.study import recruitment as rules
+from app.study.folder import WELCOME
 from app.study.plan import Plan
 from app.study.protocol import Progress
 
@@ -30,10 +31,15 @@ SIMULATED = "simulated"
 
 @dataclass(frozen=True)
 class Entrance:
-    """What somebody who has no session yet is shown: the consent, and nothing is kept of them."""
+    """What somebody who has no session yet is shown; nothing is kept of them.
+
+    welcome: what comes before the consent, where the study has it.
+    """
 
     study: State
     language: str
+    languages: Sequence[str]
+    welcome: str | None
     consent: Mapping[str, str]
     trials: int
     queries: int
@@ -58,9 +64,12 @@ def entrance(
         places.require(session, study, LIVE, studio.now())
         entry_links.require_unused(session, study, entry)
     language = _language(study.plan, language)
+    welcome = study.texts[language].get(WELCOME)
     return Entrance(
         study=session_state.study_of(study.plan, slug, language),
         language=language,
+        languages=study.plan.languages,
+        welcome=welcome and session_state.rendered(welcome),
         consent=session_state.consent_text(study.texts[language]),
         trials=study.plan.trials,
         queries=study.plan.queries_per_trial,

@@ -15,6 +15,8 @@ from app.study.recordings import RecordingRow, RecordingsReader, candidates_of
 from app.study.texts import placeholders
 
 TEXT_NAMES = ("consent", "instructions", "debrief")
+#: Shown before the consent where a study has it; then it has it in every language.
+WELCOME = "welcome"
 
 _SHIPPED_FOLDER = Path(__file__).parent / "shipped"
 SHIPPED: Mapping[str, Path] = MappingProxyType(
@@ -29,7 +31,7 @@ SHIPPED: Mapping[str, Path] = MappingProxyType(
 class StudyFolder:
     """A study folder without fault.
 
-    texts: language -> name (consent, instructions, debrief) -> Markdown.
+    texts: language -> name (consent, instructions, debrief, and welcome if it has one) -> Markdown.
     recordings: the rows of all CSV files, in their order; none for the crane's environments.
     """
 
@@ -94,8 +96,11 @@ def _read_texts(
 ) -> tuple[dict[str, dict[str, str]], list[Fault]]:
     texts: dict[str, dict[str, str]] = {language: {} for language in languages}
     faults: list[Fault] = []
+    names: tuple[str, ...] = TEXT_NAMES
+    if any((folder / f"texts/{language}/{WELCOME}.md").exists() for language in languages):
+        names = (WELCOME, *TEXT_NAMES)
     for language in languages:
-        for name in TEXT_NAMES:
+        for name in names:
             file = f"texts/{language}/{name}.md"
             try:
                 text = read_text(folder, folder / file)

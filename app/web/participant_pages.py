@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Any
 
 from fastapi import APIRouter, Form, Request
 from fastapi.responses import Response
@@ -20,7 +20,7 @@ from app.services.errors import (
 from app.services.state import State
 from app.services.studio import Studio
 
-from . import mturk_pages
+from . import languages, mturk_pages
 from .failing_kindly import FailingKindly
 from .security import SESSION_COOKIE_SECONDS, StudioDep, session_cookie, set_cookie
 from .session_pages import do, is_known, render, to_stage, token_of
@@ -53,6 +53,18 @@ def enter(slug: str, request: Request, studio: StudioDep) -> Response:
     return stage_page(request, slug, state)
 
 
+@router.get("/consent")
+def read_consent(slug: str, request: Request, studio: StudioDep) -> Response:
+    """The consent, for a newcomer who has read the welcome."""
+    outside = mturk_pages.outside_the_study(request, slug, studio)
+    if outside is not None:
+        return outside
+    token = request.cookies.get(session_cookie(slug))
+    if token is not None and (is_known(studio, token) or _is_barred(studio, token)):
+        return to_stage(slug, request.url.query)
+    return _entrance(request, slug, studio, past_welcome=True)
+
+
 @router.post("/consent")
 def consent(
     slug: str, request: Request, studio: StudioDep, version: Annotated[str, Form()]
@@ -65,7 +77,9 @@ def consent(
         entry = request.query_params.get(ENTRY)
         ids = recruitment.ids_in_link(studio, slug, request.query_params)
         try:
-            entrance = admission.entrance(studio, slug, entry=entry)
+            entrance = admission.entrance(
+                studio, slug, _language(request, slug, studio), entry=entry
+            )
             if version != entrance.consent["version"]:
                 return to_stage(slug, request.url.query)
             token, _ = admission.start(
@@ -195,9 +209,37 @@ def _no_entry(request: Request, slug: str, studio: Studio, error: EntryLinkError
     )
 
 
-def _entrance(request: Request, slug: str, studio: Studio) -> Response:
+def _language(request: Request, slug: str, studio: Studio) -> str | None:
+    """The language that the link names, else the one that the browser asks for."""
+    offered = studies.find(studio, slug).plan.languages
+    named = request.query_params.get(languages.PARAMETER)
+    if named in offered:
+        return named
+    return languages.preferred(request.headers.get("accept-language", ""), offered)
+
+
+def _language_links(request: Request, entrance: admission.Entrance) -> list[dict[str, Any]]:
+    """This very page in each of the study's languages; none where there is no choice."""
+    if len(entrance.languages) < 2:
+        return []
+    return [
+        {
+            "code": code,
+            "name": languages.own_name(code),
+            "url": f"?{request.url.include_query_params(**{languages.PARAMETER: code}).query}",
+            "is_current": code == entrance.language,
+        }
+        for code in entrance.languages
+    ]
+
+
+def _entrance(
+    request: Request, slug: str, studio: Studio, *, past_welcome: bool = False
+) -> Response:
+    """A newcomer's first page: the welcome if the study has one, and then the consent."""
+    language = _language(request, slug, studio)
     try:
-        entrance = admission.entrance(studio, slug, entry=request.query_params.get(ENTRY))
+        entrance = admission.entrance(studio, slug, language, entry=request.query_params.get(ENTRY))
     except EntryLinkError as error:
         return _no_entry(request, slug, studio, error)
     except StudyFullError:
@@ -216,7 +258,7 @@ def _entrance(request: Request, slug: str, studio: Studio) -> Response:
             request, slug, "participant/closed.html", "Not open", message=str(error), status=409
         )
     state: State = {
-        "stage": "consent",
+        "stage": "consent" if past_welcome or entrance.welcome is None else "welcome",
         "progress": {
             "trial": 0,
             "trials": entrance.trials,
@@ -226,5 +268,6 @@ def _entrance(request: Request, slug: str, studio: Studio) -> Response:
         "study": entrance.study,
         "language": entrance.language,
         "consent": dict(entrance.consent),
+        "welcome": {"html": entrance.welcome or ""},
     }
-    return stage_page(request, slug, state)
+    return stage_page(request, slug, state, languages=_language_links(request, entrance))

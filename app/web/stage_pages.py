@@ -18,6 +18,7 @@ from .session_pages import do, render, token_of
 router = APIRouter(prefix="/s/{slug}", include_in_schema=False, route_class=FailingKindly)
 
 TITLES = {
+    "welcome": "Welcome",
     "consent": "Consent",
     "instructions": "Instructions",
     "familiarisation": "Familiarisation",

@@ -289,3 +289,16 @@ def test_a_policy_for_those_who_come_late_needs_to_know_when_it_is_late(
             f" {policy} holds, got none"
         )
     ]
+
+
+def test_a_welcome_in_one_language_is_needed_in_every_language(
+    folder: Path, edit: Edit, faults: Faults, write_texts: Callable[[Path, str], None]
+) -> None:
+    edit(folder / "study.yaml", "languages: [en]", "languages: [en, ja]")
+    edit(folder / "study.yaml", "title: Kettles", "title: {en: Kettles, ja: やかん}")
+    edit(folder / "study.yaml", "label: Neither", "label: {en: Neither, ja: どちらも}")
+    write_texts(folder, "ja")
+    (folder / "texts" / "ja" / "welcome.md").write_text("ようこそ\n", encoding="utf-8")
+    assert faults(folder) == [
+        "texts/en/welcome.md: expected a file of this name, there is none",
+    ]

@@ -1,0 +1,63 @@
+"""Languages of a study's pages: what each calls itself, and which one a reader prefers."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+#: The parameter of a link that names a language.
+PARAMETER = "lang"
+
+#: A language in its own words: who cannot read the page must still find theirs.
+_OWN_NAMES = {
+    "ar": "العربية",
+    "cs": "Čeština",
+    "da": "Dansk",
+    "de": "Deutsch",
+    "el": "Ελληνικά",
+    "en": "English",
+    "es": "Español",
+    "fi": "Suomi",
+    "fr": "Français",
+    "he": "עברית",
+    "hi": "हिन्दी",
+    "id": "Bahasa Indonesia",
+    "it": "Italiano",
+    "ja": "日本語",
+    "ko": "한국어",
+    "nl": "Nederlands",
+    "no": "Norsk",
+    "pl": "Polski",
+    "pt": "Português",
+    "ru": "Русский",
+    "sv": "Svenska",
+    "th": "ไทย",
+    "tr": "Türkçe",
+    "uk": "Українська",
+    "vi": "Tiếng Việt",
+    "zh": "中文",
+}
+
+
+def own_name(language: str) -> str:
+    """What the language calls itself; its code where we do not know."""
+    base, _, rest = language.partition("-")
+    name = _OWN_NAMES.get(base)
+    if name is None:
+        return language
+    return f"{name} ({rest})" if rest else name
+
+
+def preferred(accepted: str, offered: Sequence[str]) -> str | None:
+    """The first offered language that the browser's Accept-Language asks for; None if none is."""
+    wanted: list[tuple[float, str]] = []
+    for part in accepted.split(","):
+        tag, _, weight = part.strip().partition(";q=")
+        try:
+            wanted.append((float(weight or 1), tag.strip().lower()))
+        except ValueError:
+            continue
+    for _, tag in sorted(wanted, key=lambda pair: -pair[0]):
+        for language in offered:
+            if language.lower() == tag or language.lower().split("-")[0] == tag.split("-")[0]:
+                return language
+    return None

@@ -72,7 +72,7 @@ def entrance(
         welcome=welcome and session_state.rendered(welcome),
         consent=session_state.consent_text(study.texts[language]),
         trials=study.plan.trials,
-        queries=study.plan.queries_per_trial,
+        queries=study.plan.shown_per_trial,
     )
 
 

@@ -21,7 +21,7 @@ from app.study.stages import PRACTICE_INDEX
 
 from . import queries, sessions, trials
 from . import state as session_state
-from .course import Shown, learned, replacement
+from .course import Record, Shown, following, learned, lessons, replacement, teaches
 from .errors import (
     AlreadyAnsweredError,
     ConflictError,
@@ -77,7 +77,9 @@ def respond(studio: Studio, token: str, answer: Answer) -> State:
     if not practising:
         # The fit, if it was not worked out ahead: between two transactions, inside none.
         record = (*record, _shown(query, answer.response))
-        step = studio.proposer.step(trial, learned(record))
+        space = studio.proposer.space(trial.study_id, trial.environment)
+        step = studio.proposer.step(trial, learned(trial, record))
+        coming = following(space, trial, record, studio.proposer.step)
 
     with studio.database.write() as session:
         row = sessions.find(studio, session, token, to_write=True)
@@ -92,10 +94,11 @@ def respond(studio: Studio, token: str, answer: Answer) -> State:
             _go_on_practising(studio, session, row, query, now)
             session.flush()
             return session_state.describe(studio, session, row)
-        _store_lessons(session, query, step)
+        if teaches(trial, query.trial_type):
+            _store_lessons(session, query, step, lessons(trial, record))
         if row.stage == Stage.QUERY and row.trial_index == query.trial.trial_index:
-            assert step.next is not None
-            session.add(trials.query_row(step.next, now, trial_id=query.trial_id))
+            assert coming is not None
+            session.add(trials.query_row(coming, now, trial_id=query.trial_id))
         else:
             query.trial.ended_at = now
             trials.arrive(studio, session, row)
@@ -107,8 +110,8 @@ def _go_on_practising(
     studio: Studio, session: Session, row: SessionRow, query: QueryRow, now: datetime
 ) -> None:
     if row.stage == Stage.PRACTICE:
-        following = trials.practice_query(studio, row, row.query_index)
-        session.add(trials.query_row(following, now, trial_id=query.trial_id))
+        coming = trials.practice_query(studio, row, row.query_index)
+        session.add(trials.query_row(coming, now, trial_id=query.trial_id))
     else:
         query.trial.ended_at = now
         trials.arrive(studio, session, row)
@@ -136,16 +139,16 @@ def report_fault(studio: Studio, token: str, report: FaultReport) -> State:
             )
         trial = queries.trial_in_hand(row, query.trial.trial_index, query.trial.seed)
         space = studio.proposer.space(trial.study_id, trial.environment)
-        following = replacement(space, trial, tried, studio.recordings.can_be_had)
+        instead = replacement(space, trial, tried, studio.recordings.can_be_had)
         now = studio.now()
         query.set_aside_at = now
         query.fault = report.reason
         queries.store_events(session, row, query, report.happenings)
         queries.close_events(session, row, query, "set_aside")
-        session.add(trials.query_row(following, now, trial_id=query.trial_id, attempt=len(tried)))
+        session.add(trials.query_row(instead, now, trial_id=query.trial_id, attempt=len(tried)))
         row.last_seen_at = now
         session.flush()
-        studio.proposer.render([following.left, following.right])
+        studio.proposer.render([instead.left, instead.right])
         return session_state.describe(studio, session, row)
 
 
@@ -179,7 +182,8 @@ def _check_reason(row: SessionRow, query: QueryRow, answer: Answer) -> None:
             f"expected a reason with a skip only, got one with {answer.response!r}", row.stage
         )
     plan = stored_plan(row.plan)
-    skip = next(found.skip for found in plan.conditions if found.name == query.trial.condition)
+    # The practice has the skip button of the first trial.
+    skip = plan.conditions[row.trial_conditions[max(query.trial.trial_index, 0)]].skip
     offered = list(skip.reasons or ()) if skip else []
     if offered and answer.skip_reason not in offered:
         raise SkipReasonError(
@@ -197,6 +201,7 @@ def _shown(query: QueryRow, response: str) -> Shown:
         right_recording=query.right_recording_id,
         acquisition=query.acquisition,
         engine_version=query.engine_version,
+        repeats=query.repeats_query_index,
         response=response,
     )
 
@@ -213,12 +218,16 @@ def _store(
     queries.store_events(session, row, query, answer.happenings)
 
 
-def _store_lessons(session: Session, query: QueryRow, step: Step) -> None:
-    """Store what the response taught: the preferences that are new, and w_acq."""
+def _store_lessons(session: Session, query: QueryRow, step: Step, taught: Record) -> None:
+    """Store what the response taught: the preferences that are new, and w_acq.
+
+    The optimiser numbers the queries that it learnt from, `taught`; the trial numbers its places.
+    """
     known = session.scalar(
         select(func.count(PreferenceRow.id)).where(PreferenceRow.trial_id == query.trial_id)
     )
     for index, preference in enumerate(step.preferences[known:], start=known or 0):
+        drawn = preference.drawn_from_query_index
         session.add(
             PreferenceRow(
                 trial_id=query.trial_id,
@@ -226,8 +235,8 @@ def _store_lessons(session: Session, query: QueryRow, step: Step) -> None:
                 winner=preference.winner,
                 loser=preference.loser,
                 origin=preference.origin,
-                query_index=preference.query_index,
-                drawn_from_query_index=preference.drawn_from_query_index,
+                query_index=taught[preference.query_index].query_index,
+                drawn_from_query_index=None if drawn is None else taught[drawn].query_index,
             )
         )
     if step.acquired is not None:

@@ -7,18 +7,26 @@ nothing here needs to be kept.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
 from app.pbbo import ENGINE_VERSION
+from app.study.checks import Kind, schedule
 from app.study.stages import PRACTICE
 
+from .attention import attention
 from .errors import NothingToShowError
-from .proposals import Clip, History, NextQuery, Space, TrialInHand
+from .proposals import Clip, History, NextQuery, Space, Step, TrialInHand
 
-#: Tells the draw of a replacement apart from every other use of a trial's seed.
+#: Tell draws apart from every other use of a trial's seed.
 _REPLACEMENT_DRAW = 104
+_SCHEDULE_DRAW = 106
+_CHECK_DRAW = 107
+
+#: A pair where a check was to be that could not be shown: it has no use, and teaches nothing.
+FILLER = "filler"
 
 
 @dataclass(frozen=True)
@@ -33,6 +41,7 @@ class Shown:
     right_recording: int
     acquisition: str
     engine_version: str
+    repeats: int | None
     response: str | None
 
 
@@ -40,9 +49,95 @@ class Shown:
 Record = tuple[Shown, ...]
 
 
-def learned(record: Record) -> History:
-    """What the model learns from."""
-    return tuple((shown.left, shown.right, shown.response or "") for shown in record)
+def teaches(trial: TrialInHand, trial_type: str) -> bool:
+    """Whether the model learns from responses to queries of this type."""
+    if trial_type in (Kind.REPEAT, Kind.ATTENTION):
+        return trial.checks.in_model
+    return trial_type != FILLER
+
+
+def lessons(trial: TrialInHand, record: Record) -> Record:
+    """The part of the record that the model learns from."""
+    return tuple(shown for shown in record if teaches(trial, shown.trial_type))
+
+
+def learned(trial: TrialInHand, record: Record) -> History:
+    """What the model learns from, as the optimiser takes it."""
+    return tuple(
+        (shown.left, shown.right, shown.response or "") for shown in lessons(trial, record)
+    )
+
+
+def kind_at(trial: TrialInHand, place: int) -> Kind | None:
+    """What comes at this place of a trial; None after the last."""
+    places = _places(trial.seed, trial.queries, trial.repeats, trial.attention)
+    return places[place] if place < len(places) else None
+
+
+@lru_cache(maxsize=4096)
+def _places(seed: int, queries: int, repeats: int, attention: int) -> tuple[Kind, ...]:
+    return schedule(queries, repeats, attention, np.random.default_rng([seed, _SCHEDULE_DRAW]))
+
+
+def following(
+    space: Space,
+    trial: TrialInHand,
+    record: Record,
+    step: Callable[[TrialInHand, History], Step],
+) -> NextQuery | None:
+    """The query after these; None after the last. `step` works out what the optimiser proposes."""
+    place = len(record)
+    kind = kind_at(trial, place)
+    if kind is None:
+        return None
+    if kind is not Kind.MODEL:
+        return check_at(space, trial, record, place)
+    proposal = step(trial, learned(trial, record)).next
+    assert proposal is not None
+    return replace(proposal, query_index=place)
+
+
+def check_at(space: Space, trial: TrialInHand, record: Record, place: int) -> NextQuery:
+    """The check at this place. It does not depend on the response just before it."""
+    rng = np.random.default_rng([trial.seed, _CHECK_DRAW, place])
+    if kind_at(trial, place) is Kind.ATTENTION:
+        check = attention(space, trial, place, rng)
+        if check is not None:
+            return check
+    else:
+        return _repeat(space, trial, record, place, rng)
+    return _filler(space, trial, place, rng, list(range(len(space.clips))), lambda _: True)
+
+
+def _repeat(
+    space: Space, trial: TrialInHand, record: Record, place: int, rng: np.random.Generator
+) -> NextQuery:
+    """An earlier query again, its sides swapped. The one just before would be recognised."""
+    done = {shown.repeats for shown in record}
+    open_to_it = [
+        shown
+        for shown in record
+        if shown.query_index < place - 1
+        and shown.query_index not in done
+        and kind_at(trial, shown.query_index) is Kind.MODEL
+    ]
+    # Whether somebody chooses alike can be told of a choice; a skip is second best.
+    chosen = [shown for shown in open_to_it if shown.response != "skip"] or open_to_it
+    earlier = chosen[int(rng.integers(len(chosen)))]
+    by_id = {clip.id: clip for side in (earlier.left, earlier.right) for clip in space.clips[side]}
+    return NextQuery(
+        query_index=place,
+        trial_type=Kind.REPEAT.value,
+        left_candidate=earlier.right,
+        right_candidate=earlier.left,
+        left=by_id[earlier.right_recording],
+        right=by_id[earlier.left_recording],
+        acquisition="repeat",
+        seed=trial.seed,
+        engine_version=ENGINE_VERSION,
+        likelier="left",
+        repeats=earlier.query_index,
+    )
 
 
 def replacement(
@@ -55,14 +150,22 @@ def replacement(
     NothingToShowError if hardly any can.
     """
     last = tried[-1]
+    place = last.query_index
     rng = np.random.default_rng([trial.seed, _REPLACEMENT_DRAW, last.query_index, len(tried)])
     spent = {recording for shown in tried for recording in _recordings(shown)}
+
+    if last.trial_type == Kind.ATTENTION:
+        check = attention(
+            space, trial, place, rng, lambda clip: clip.id not in spent and usable(clip)
+        )
+        if check is not None:
+            return check
 
     def fresh(candidate: int) -> list[Clip]:
         return [clip for clip in space.clips[candidate] if clip.id not in spent and usable(clip)]
 
     left, right = fresh(last.left), fresh(last.right)
-    if left and right:
+    if left and right and last.trial_type != Kind.ATTENTION:
         return NextQuery(
             query_index=last.query_index,
             trial_type=last.trial_type,
@@ -74,13 +177,32 @@ def replacement(
             seed=trial.seed,
             engine_version=last.engine_version,
             likelier="left",
+            repeats=last.repeats,
         )
     others = _other_candidates(space, tried, usable)
-    pair = [int(others[place]) for place in rng.choice(len(others), 2, replace=False)]
+    random = _filler(space, trial, place, rng, others, usable)
+    if last.trial_type == PRACTICE:
+        return replace(random, trial_type=PRACTICE)
+    if kind_at(trial, place) is Kind.MODEL:
+        return replace(random, trial_type="random")
+    return random
+
+
+def _filler(
+    space: Space,
+    trial: TrialInHand,
+    place: int,
+    rng: np.random.Generator,
+    candidates: Sequence[int],
+    usable: Callable[[Clip], bool],
+) -> NextQuery:
+    """Two of these candidates at random, in place of what could not be shown."""
+    drawn = rng.choice(len(candidates), 2, replace=False)
+    pair = [candidates[int(index)] for index in drawn]
     clips = [[clip for clip in space.clips[candidate] if usable(clip)] for candidate in pair]
     return NextQuery(
-        query_index=last.query_index,
-        trial_type=PRACTICE if last.trial_type == PRACTICE else "random",
+        query_index=place,
+        trial_type=FILLER,
         left_candidate=pair[0],
         right_candidate=pair[1],
         left=clips[0][int(rng.integers(len(clips[0])))],

@@ -29,6 +29,7 @@ from app.pbbo import (
 from app.pbbo import Settings as OptimizerSettings
 from app.storage.database import Database
 from app.storage.tables import Candidate, Recording
+from app.study.checks import Checks
 
 from .background import Background
 
@@ -52,6 +53,7 @@ class Clip:
     duration_s: float
     source: str
     locator: str
+    score: float | None
 
 
 @dataclass(frozen=True)
@@ -60,6 +62,7 @@ class Space:
 
     candidates: NDArray[np.float64] = field(repr=False)
     clips: tuple[tuple[Clip, ...], ...] = field(repr=False)
+    parameters: tuple[str, ...] = ()
 
     @property
     def all_clips(self) -> tuple[Clip, ...]:
@@ -76,11 +79,22 @@ class TrialInHand:
     settings: Mapping[str, Any] = field(hash=False)
     seed: int
     queries: int
+    repeats: int = 0
+    attention: int = 0
+    checks: Checks = field(default=Checks(), hash=False)
+
+    @property
+    def most_learned(self) -> int:
+        """How many responses the model learns from in the end."""
+        return self.queries + (self.repeats + self.attention if self.checks.in_model else 0)
 
 
 @dataclass(frozen=True)
 class NextQuery:
-    """A query to be stored and shown. `likelier` is the side that the model expects to win."""
+    """A query to be stored and shown.
+
+    likelier: the side that the model expects to win. repeats: the earlier query shown again.
+    """
 
     query_index: int
     trial_type: str
@@ -92,6 +106,7 @@ class NextQuery:
     seed: int
     engine_version: str
     likelier: str
+    repeats: int | None = None
 
 
 @dataclass(frozen=True)
@@ -156,6 +171,11 @@ class Proposer:
             for key in [key for key in self._steps if key[0] in seeds]:
                 del self._steps[key]
 
+    def known(self, trial: TrialInHand, history: History) -> Step | None:
+        """What follows `history`, if it is worked out already."""
+        with self._lock:
+            return self._steps.get((trial.seed, history))
+
     def work_ahead(self, trial: TrialInHand, history: History, pair: tuple[int, int]) -> None:
         """Begin to work out what follows each possible response to the open query `pair`."""
         self._background.in_thread(
@@ -205,7 +225,7 @@ def work_out(space: Space, trial: TrialInHand, history: History) -> Step:
         settings=OptimizerSettings.from_mapping(trial.settings),
     )
     return Step(
-        next=_next_query(space, trial, optimizer) if len(history) < trial.queries else None,
+        next=_next_query(space, trial, optimizer) if len(history) < trial.most_learned else None,
         preferences=optimizer.preferences,
         acquired=_acquired(optimizer, trial.method) if history else None,
     )
@@ -272,17 +292,21 @@ def _read_space(database: Database, study_id: int, environment: str) -> Space:
                 Recording.duration_s,
                 Recording.source,
                 Recording.locator,
+                Recording.score,
             )
             .join(Recording, Recording.candidate_id == Candidate.id)
             .where(Candidate.study_id == study_id, Candidate.environment == environment)
             .order_by(Candidate.candidate_index, Recording.run_index)
         ).all()
+    names: tuple[str, ...] = ()
     points: dict[int, list[float]] = {}
     clips: dict[int, list[Clip]] = {}
     for index, parameters, *clip in rows:
+        names = tuple(parameters)
         points[index] = list(parameters.values())
         clips.setdefault(index, []).append(Clip(*clip))
     return Space(
         np.array([points[index] for index in sorted(points)], dtype=np.float64),
         tuple(tuple(clips[index]) for index in sorted(clips)),
+        names,
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from sqlalchemy import func, select
@@ -52,6 +53,9 @@ def trial_in_hand(row: SessionRow, trial_index: int, seed: int) -> TrialInHand:
         settings=condition.settings,
         seed=seed,
         queries=plan.queries_per_trial,
+        repeats=plan.repeats_per_trial,
+        attention=plan.attention_per_trial,
+        checks=plan.checks,
     )
 
 
@@ -85,7 +89,7 @@ def standing_at(session: Session, trial_id: int, query_index: int) -> QueryRow:
 
 def read_record(session: Session, trial_id: int) -> Record:
     """The answered queries of one trial, in order."""
-    rows = session.execute(
+    rows: Iterable[Any] = session.execute(
         select(*_SHOWN, Response.response)
         .join(Response, Response.query_id == QueryRow.id)
         .where(QueryRow.trial_id == trial_id)
@@ -96,12 +100,12 @@ def read_record(session: Session, trial_id: int) -> Record:
 
 def read_attempts(session: Session, query: QueryRow) -> Record:
     """All that was shown at the place of this query, set aside or not, oldest first."""
-    rows = session.execute(
+    rows: Iterable[Any] = session.execute(
         select(*_SHOWN)
         .where(QueryRow.trial_id == query.trial_id, QueryRow.query_index == query.query_index)
         .order_by(QueryRow.attempt)
     )
-    return tuple(Shown(*row, response=None) for row in rows)
+    return tuple(Shown(*(*row, None)) for row in rows)
 
 
 def store_events(
@@ -133,7 +137,7 @@ def close_events(session: Session, row: SessionRow, query: QueryRow, why: str) -
     store_events(session, row, query, [Happening(why, None, last or 0.0, None)])
 
 
-_SHOWN = (
+_SHOWN: tuple[Any, ...] = (
     QueryRow.query_index,
     QueryRow.trial_type,
     QueryRow.left_candidate,
@@ -142,4 +146,5 @@ _SHOWN = (
     QueryRow.right_recording_id,
     QueryRow.acquisition,
     QueryRow.engine_version,
+    QueryRow.repeats_query_index,
 )

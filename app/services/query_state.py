@@ -7,13 +7,14 @@ from typing import Any
 from sqlalchemy.orm import Session
 
 from app.storage.tables import QueryRow, SessionRow
+from app.study.checks import Kind
 from app.study.comparing import Skip
 from app.study.plan import Plan
 from app.study.protocol import Stage
 from app.study.stages import PRACTICE_INDEX
 
 from . import practice, queries
-from .course import learned
+from .course import check_at, kind_at, learned, teaches
 from .proposals import NextQuery, TrialInHand
 from .studies import stored_plan
 from .studio import Studio
@@ -66,12 +67,24 @@ def _coming(studio: Studio, session: Session, row: SessionRow, query: QueryRow) 
     in_hand = queries.trial_in_hand(row, query.trial.trial_index, query.trial.seed)
     if query.trial.trial_index == PRACTICE_INDEX:
         return [_after_practice(studio, row, in_hand)]
-    history = learned(queries.read_record(session, query.trial_id))
+    record = queries.read_record(session, query.trial_id)
+    kind = kind_at(in_hand, query.query_index + 1)
+    if kind is None:
+        return []
+    history = learned(in_hand, record)
     pair = (query.left_candidate, query.right_candidate)
-    coming = studio.proposer.upcoming(in_hand, history, pair)
-    if len(history) + 1 < in_hand.queries:
+    coming = []
+    if teaches(in_hand, query.trial_type):
+        coming = studio.proposer.upcoming(in_hand, history, pair)
         studio.proposer.work_ahead(in_hand, history, pair)
-    return coming
+    elif (known := studio.proposer.known(in_hand, history)) and known.next:
+        coming = [known.next]
+    if kind is Kind.MODEL:
+        return coming
+    space = studio.proposer.space(in_hand.study_id, in_hand.environment)
+    check = check_at(space, in_hand, record, query.query_index + 1)
+    studio.proposer.render([check.left, check.right])
+    return [check]
 
 
 def _after_practice(studio: Studio, row: SessionRow, in_hand: TrialInHand) -> NextQuery:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 
 from sqlalchemy import select
 from sqlalchemy.orm import Session, selectinload
@@ -12,7 +13,7 @@ from app.storage.tables import SessionRow, Trial
 from app.study.stages import PRACTICE_INDEX
 
 from . import queries, studies
-from .course import learned
+from .course import following
 from .proposals import work_out
 from .studio import Studio
 
@@ -66,8 +67,8 @@ def _differences(studio: Studio, session: Session, trial: Trial) -> Iterator[Dif
         if query.attempt > 0:
             # What took the place of a video that did not play depends on which ones could be had.
             continue
-        following = work_out(space, in_hand, learned(record[: query.query_index])).next
-        assert following is not None
+        proposal = following(space, in_hand, record[: query.query_index], partial(work_out, space))
+        assert proposal is not None
         stored = (
             query.left_candidate,
             query.right_candidate,
@@ -75,10 +76,10 @@ def _differences(studio: Studio, session: Session, trial: Trial) -> Iterator[Dif
             query.right_recording_id,
         )
         proposed = (
-            following.left_candidate,
-            following.right_candidate,
-            following.left.id,
-            following.right.id,
+            proposal.left_candidate,
+            proposal.right_candidate,
+            proposal.left.id,
+            proposal.right.id,
         )
         if stored != proposed:
             yield Difference(query.query_index, stored, proposed)

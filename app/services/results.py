@@ -79,7 +79,7 @@ def payload_mb(studio: Studio, study: studies.StudyInfo) -> float | None:
     if not paths:
         return None
     mean_bytes = sum(path.stat().st_size for path in paths) / len(paths)
-    pairs = study.plan.trials * study.plan.queries_per_trial * PAIRS_LOADED_PER_QUERY
+    pairs = study.plan.trials * study.plan.shown_per_trial * PAIRS_LOADED_PER_QUERY
     blocks = study.plan.trials // study.plan.trials_per_block
     return (2 * pairs + blocks * study.plan.familiarisation.videos) * mean_bytes / 1e6
 

@@ -62,7 +62,11 @@ def settings_fault(settings: Mapping[str, Any]) -> str | None:
 
 def load_folder(name_or_path: str) -> study_folder.StudyFolder:
     """Read a study's folder, or a shipped study by its name. Raises StudyFaults, all at once."""
-    return study_folder.load(study_folder.resolve(name_or_path), settings_check=settings_fault)
+    return study_folder.load(
+        study_folder.resolve(name_or_path),
+        settings_check=settings_fault,
+        crane_candidates=lambda _: crane_environments.candidates().tolist(),
+    )
 
 
 def create(studio: Studio, folder: study_folder.StudyFolder) -> StudyInfo:

@@ -101,6 +101,7 @@ def query_row(
         acquisition=following.acquisition,
         seed=following.seed,
         engine_version=following.engine_version,
+        repeats_query_index=following.repeats,
         created_at=now,
         shown_at=now,
     )

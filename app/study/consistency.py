@@ -10,6 +10,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 from app.study import recruitment
+from app.study.checks import checks_inconsistencies
 from app.study.comparing import skip_inconsistencies
 from app.study.files import misplaced
 from app.study.plain import (
@@ -79,6 +80,7 @@ def inconsistencies(plan: Mapping[str, object]) -> list[Inconsistency]:
         *_practice(plan),
         *_resume(plan),
         *_familiarisation(plan),
+        *checks_inconsistencies(plan, parameter_names(plan)),
         *recruitment.disagreements(plan),
         *_blocks(plan),
         *item_inconsistencies(plan, languages_of(plan)),

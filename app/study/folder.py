@@ -1,7 +1,7 @@
 """A study folder: `study.yaml`, texts per language, and recordings, read and checked as a whole."""
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
@@ -9,6 +9,8 @@ from types import MappingProxyType
 from app.study.consistency import parameter_names
 from app.study.faults import Fault, StudyFaults, UnreadableFileError
 from app.study.files import misplaced, read_text
+from app.study.known import missing_for_checks
+from app.study.plain import Inconsistency
 from app.study.plan import LANGUAGE_PATTERN, Plan
 from app.study.plan_source import STUDY_FILE, PlanReading, SettingsCheck, read_plan
 from app.study.recordings import RecordingRow, RecordingsReader, candidates_of
@@ -62,11 +64,17 @@ def resolve(name_or_path: str) -> Path:
     return path
 
 
-def load(folder: Path, *, settings_check: SettingsCheck | None = None) -> StudyFolder:
+def load(
+    folder: Path,
+    *,
+    settings_check: SettingsCheck | None = None,
+    crane_candidates: Callable[[str], Iterable[Sequence[float]]] | None = None,
+) -> StudyFolder:
     """Reads a study folder; raises StudyFaults with every fault in it.
 
     `settings_check` says what is wrong with a condition's settings, or None: what they may hold
-    is the optimiser's to know.
+    is the optimiser's to know. `crane_candidates` names the candidates of one of the crane's
+    environments, against which those of checks are held.
     """
     try:
         text = read_text(folder, folder / STUDY_FILE)
@@ -76,9 +84,32 @@ def load(folder: Path, *, settings_check: SettingsCheck | None = None) -> StudyF
     texts, text_faults = _read_texts(folder, _languages(reading))
     recordings, recording_faults = _read_recordings(folder, reading)
     faults = [*reading.faults, *text_faults, *recording_faults]
+    if not faults and reading.plan is not None:
+        faults = _check_faults(reading, reading.plan, recordings, crane_candidates)
     if faults or reading.plan is None:
         raise StudyFaults(faults)
     return StudyFolder(folder, reading.plan, texts, tuple(recordings))
+
+
+def _check_faults(
+    reading: PlanReading,
+    plan: Plan,
+    rows: Sequence[RecordingRow],
+    crane_candidates: Callable[[str], Iterable[Sequence[float]]] | None,
+) -> list[Fault]:
+    """What is missing for the plan's attention checks, in every environment that is used."""
+    found: list[Inconsistency] = []
+    for name in plan.used_environments:
+        is_crane = plan.environments[name].is_crane
+        if is_crane and crane_candidates is None:
+            continue
+        candidates = crane_candidates(name) if is_crane and crane_candidates else ()
+        own = [row for row in rows if row.environment == name]
+        scored = None if is_crane else [row.candidate for row in own if row.score is not None]
+        points = list(candidates) if is_crane else [row.candidate for row in own]
+        found.extend(missing_for_checks(plan, name, points, scored))
+    line = reading.lines.line if reading.lines else lambda _: None
+    return [Fault(STUDY_FILE, line(one.place), str(one)) for one in found]
 
 
 def _languages(reading: PlanReading) -> list[str]:

@@ -22,6 +22,7 @@ from pydantic import (
 )
 from pydantic_core import PydanticCustomError
 
+from app.study.checks import Checks, number
 from app.study.comparing import QueryPage, Skip
 from app.study.consistency import CRANE, METHODS, inconsistencies
 from app.study.part import ONE_OR_MORE_TEXTS, LocalText, Part
@@ -128,6 +129,9 @@ class Plan(Part):
         default="session",
         description="session, or environment to keep the trials of each environment together",
     )
+    checks: Checks = Field(
+        default=Checks(), description="a mapping such as {repeats: 0.1, attention: 0.1}"
+    )
     query: QueryPage = Field(
         default=QueryPage(), description="a mapping such as {watch_once: true}"
     )
@@ -166,6 +170,21 @@ class Plan(Part):
     def trials(self) -> int:
         """How many trials one session has."""
         return len(self.conditions) * self.trials_per_condition
+
+    @property
+    def repeats_per_trial(self) -> int:
+        """How many earlier queries a trial shows again."""
+        return number(self.checks.repeats, self.queries_per_trial)
+
+    @property
+    def attention_per_trial(self) -> int:
+        """How many attention checks a trial has."""
+        return number(self.checks.attention, self.queries_per_trial)
+
+    @property
+    def shown_per_trial(self) -> int:
+        """How many pairs a trial shows: its queries and the checks between them."""
+        return self.queries_per_trial + self.repeats_per_trial + self.attention_per_trial
 
     @property
     def used_environments(self) -> tuple[str, ...]:

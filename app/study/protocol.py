@@ -222,13 +222,13 @@ def position(plan: Plan, progress: Progress) -> Position:
     query 0 if no trial is finished yet, else the number of queries in a trial. In the practice
     both numbers of queries are the practice's own.
     """
-    trial, query = progress.trial_index, plan.queries_per_trial if progress.trial_index else 0
+    trial, query = progress.trial_index, plan.shown_per_trial if progress.trial_index else 0
     if progress.stage is Stage.PRACTICE:
         query, queries = progress.query_index + 1, plan.practice.queries
         return Position(trial=0, trials=plan.trials, query=query, queries=queries)
     if progress.stage is Stage.QUERY:
         trial, query = progress.trial_index + 1, progress.query_index + 1
-    return Position(trial=trial, trials=plan.trials, query=query, queries=plan.queries_per_trial)
+    return Position(trial=trial, trials=plan.trials, query=query, queries=plan.shown_per_trial)
 
 
 def _after_withdrawal(plan: Plan, progress: Progress) -> Progress:
@@ -275,7 +275,7 @@ def _after_response(plan: Plan, progress: Progress, event: Responded) -> Progres
         if progress.query_index + 1 < plan.practice.queries:
             return Progress(Stage.PRACTICE, query_index=progress.query_index + 1)
         return Progress(Stage.QUERY)
-    if progress.query_index + 1 < plan.queries_per_trial:
+    if progress.query_index + 1 < plan.shown_per_trial:
         return Progress(Stage.QUERY, progress.trial_index, progress.query_index + 1)
     finished = progress.trial_index + 1
     if plan.items(AFTER_TRIAL):

@@ -56,7 +56,10 @@ def _queries_columns(plan: Plan) -> tuple[Column, ...]:
         text("method", "Method that chose the queries."),
         text("environment", "Environment of the candidates."),
         QUERY,
-        text("trial_type", "What kind of query: random (before the model), model, or practice."),
+        text(
+            "trial_type",
+            "random (before the model), model, repeat, attention, filler, or practice.",
+        ),
         integer("left_candidate", "Index of the candidate on the left."),
         integer("right_candidate", "Index of the candidate on the right."),
         text("left_recording", "Recording on the left; see recordings.csv."),

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from sqlalchemy import select
-from sqlalchemy.orm import Session
+from sqlalchemy import and_, select
+from sqlalchemy.orm import Session, aliased
 
-from app.storage.tables import QueryRow, SessionRow, Trial
+from app.services.attention import GOOD_SIDE
+from app.storage.tables import QueryRow, Response, SessionRow, Trial
+from app.study.checks import Kind
 from app.study.plan import Plan
 
 from .columns import (
@@ -18,6 +20,7 @@ from .columns import (
     Request,
     Row,
     Table,
+    boolean,
     fetch,
     integer,
     moment,
@@ -75,4 +78,70 @@ FAULTS = Table(
     "Queries set aside because a video did not play: never answered, never learnt from.",
     _faults_columns,
     _faults_rows,
+)
+
+
+def _checks_columns(_plan: Plan) -> tuple[Column, ...]:
+    return (
+        SESSION,
+        TRIAL,
+        QUERY,
+        text("check", "repeat or attention."),
+        integer("repeats_query_index", "For a repeat: the query that is shown again."),
+        text("expected", "The response that agrees: with the earlier one, or with what is known."),
+        text("response", "left, right, skip, or empty while the query is open."),
+        boolean("passed", "Whether the response is the one expected."),
+    )
+
+
+def _checks_rows(session: Session, request: Request) -> Iterator[Row]:
+    earlier, before = aliased(QueryRow), aliased(Response)
+    statement = of_sessions(
+        select(SessionRow.public_id, Trial.trial_index, QueryRow, Response, before.response)
+        .join(Trial, QueryRow.trial_id == Trial.id)
+        .join(SessionRow, Trial.session_id == SessionRow.id)
+        .outerjoin(Response, Response.query_id == QueryRow.id)
+        .outerjoin(
+            earlier,
+            and_(
+                earlier.trial_id == QueryRow.trial_id,
+                earlier.query_index == QueryRow.repeats_query_index,
+                earlier.set_aside_at.is_(None),
+            ),
+        )
+        .outerjoin(before, before.query_id == earlier.id)
+        .where(
+            QueryRow.trial_type.in_([Kind.REPEAT.value, Kind.ATTENTION.value]),
+            QueryRow.set_aside_at.is_(None),
+        ),
+        request,
+    ).order_by(SessionRow.id, Trial.trial_index, QueryRow.query_index)
+    good_side = {name: side for side, name in GOOD_SIDE.items()}
+    for public_id, trial_index, query, response, before_response in fetch(session, statement):
+        if query.trial_type == Kind.ATTENTION:
+            expected = good_side.get(query.acquisition)
+        else:
+            expected = _ON_THE_OTHER_SIDE.get(before_response)
+        pressed = response.response if response else None
+        yield (
+            public_id,
+            trial_index,
+            query.query_index,
+            query.trial_type,
+            query.repeats_query_index,
+            expected,
+            pressed,
+            pressed == expected if pressed and expected else None,
+        )
+
+
+#: What agrees with an earlier response when the sides are swapped.
+_ON_THE_OTHER_SIDE = {"left": "right", "right": "left", "skip": "skip"}
+
+
+CHECKS = Table(
+    "checks",
+    "Repeats and attention checks, and whether they were passed.",
+    _checks_columns,
+    _checks_rows,
 )

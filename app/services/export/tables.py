@@ -10,7 +10,7 @@ from app.study.plan import Plan
 
 from .answers import ACQUIRED, EVENTS, PREFERENCES, QUERIES
 from .columns import Column, Request, Row, Table, text
-from .evidence import FAULTS
+from .evidence import CHECKS, FAULTS
 from .people import DELETIONS, IDENTITIES, PARTICIPANTS, QUESTIONNAIRES, SESSIONS
 from .playback import PLAYBACK
 from .stimuli import RECORDINGS
@@ -53,6 +53,7 @@ ZIPPED = (
     DELETIONS,
     EVENTS,
     PLAYBACK,
+    CHECKS,
     FAULTS,
     RECORDINGS,
     DATA_DICTIONARY,

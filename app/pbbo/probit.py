@@ -34,15 +34,14 @@ SERIES_BELOW: Final = -15.0
 EXCESS_SERIES: Final = (1.0, -2.0, 10.0, -74.0, 706.0, -8162.0, 110410.0, -1708394.0, 29752066.0)
 # Beyond this many standard deviations a Gaussian's mass is below 1e-15.
 REACH: Final = 8.0
-# Step of the trapezoidal sum in u. A Gaussian within REACH of the kink is at least 1 / REACH wide
-# in u = asinh(x), and a step of that width leaves an error of exp(-2 pi^2), 3e-9.
+# Step of the trapezoidal sum in u. A Gaussian at least that wide in u = asinh(x) leaves an error of
+# exp(-2 pi^2), 3e-9.
 STEP: Final = 1.0 / REACH
 # x from -2e8 (twice REACH standard deviations of 1e6 and more) to 9, where log Phi vanishes.
 LOWEST_NODE: Final = -20.0
 HIGHEST_NODE: Final = 3.0
-# Gauss-Hermite on Gaussians no wider than the likelihood's own scale: exact to 1e-10.
+# Gauss-Hermite on the others, which are narrow beside what log Phi does where they lie.
 HERMITE_POINTS: Final = 20
-NARROW: Final = 1.0
 
 
 class Expectations(NamedTuple):
@@ -144,9 +143,9 @@ def hermite() -> tuple[FloatArray, FloatArray]:
 
 def expectations(a: FloatArray, b: FloatArray) -> Expectations:
     """Expectations of log Phi and its derivatives over N(a, b^2); a, b: (m,), b > 0."""
-    # Not written as its complement, so that a NaN in a or b goes to a branch that lets it through.
-    # Clear of the kink on its right, the closed form is all there is.
-    wide = (b > NARROW) & (a > -REACH * b)
+    # At least a STEP wide in u; or clear of the kink on its right, where the closed form is all.
+    # Not written as its complement, so that a NaN goes to a branch that lets it through.
+    wide = ((REACH * b) ** 2 > 1.0 + a * a) | ((b > 1.0) & (a > 0.0))
     if wide.all():
         out = wide_expectations(a, b)
     else:

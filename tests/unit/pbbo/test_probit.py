@@ -8,7 +8,7 @@ from app.pbbo.candidates import FloatArray
 from app.pbbo.probit import derivatives, expectations
 
 # From a loud evaluator to the paper's epsilon = 0.0001, and the seams between the two quadratures.
-WIDTHS = [1e-3, 0.3, 0.999, 1.001, 3.0, 50.0, 7e3, 9e5]
+WIDTHS = [1e-3, 0.1, 0.126, 0.3, 0.999, 1.001, 3.0, 50.0, 7e3, 9e5]
 OFFSETS = [-30.0, -8.001, -7.999, -3.0, 0.0, 0.7, 4.0, 7.9, 8.1, 20.0]
 
 

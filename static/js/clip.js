@@ -14,6 +14,9 @@
 
 import { within } from "./dom.js";
 
+/** A video that takes longer than this to come is being made: the page says that it will come. */
+const SAY_MORE_MS = 2500;
+
 /** Seconds until a failed video is tried again; the last one repeats. */
 const RETRY_S = [1, 2, 4, 8, 15];
 
@@ -34,6 +37,8 @@ export class Clip {
   #attempt = 0;
   /** @type {ReturnType<typeof setTimeout> | undefined} */
   #timer;
+  /** @type {ReturnType<typeof setTimeout> | undefined} */
+  #patience;
   /** @type {ReturnType<typeof setTimeout> | undefined} */
   #watchdog;
 
@@ -207,6 +212,10 @@ export class Clip {
     this.button.hidden = state !== "failed";
     if (hadFocus && this.button.hidden) {
       this.button.blur();
+    }
+    clearTimeout(this.#patience);
+    if (state === "loading") {
+      this.#patience = setTimeout(() => (this.text.textContent = "Still preparing this video. It starts by itself."), SAY_MORE_MS);
     }
     this.text.textContent = { loading: "Loading", stalled: "Waiting for the video", failed: "This video did not load.", ready: "" }[state];
   }

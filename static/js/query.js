@@ -107,6 +107,7 @@ function show() {
   evidence.begin();
   preloader.settle([query.left.url, query.right.url]);
   pair.show(query.left.url, query.right.url);
+  stand();
   // Away from the button that was pressed: the keys work, and nothing is pressed again by mistake.
   focusHeading();
   const mine = turn;
@@ -135,21 +136,25 @@ function sayTimeLeft() {
   }
 }
 
-/** Say where one is, once per pair: when it can be answered, or when that takes long. */
-function say() {
+/** Write where one is, at once: a press that changed nothing on the page would seem lost. */
+function stand() {
   const { trial, trials, query: number, queries } = state.progress;
   const practising = state.stage === "practice";
-  const where = practising ? `Practice · Pair ${number} of ${queries}` : `Trial ${trial} of ${trials} · Query ${number} of ${queries}`;
-  const line = byId("progress");
-  if (line.dataset.query !== query.id) {
-    line.dataset.query = query.id;
-    line.textContent = where;
-    announce(where.replace(" · ", ", "));
-  }
+  const where = practising ? `Practice · Pair ${number} of ${queries}` : `Part ${trial} of ${trials} · Pair ${number} of ${queries}`;
+  byId("progress").textContent = where;
   const bar = /** @type {HTMLProgressElement} */ (byId("progress-bar"));
   bar.max = practising ? queries : trials * queries;
   bar.value = practising ? number - 1 : (trial - 1) * queries + number - 1;
   sayTimeLeft();
+}
+
+/** Speak where one is, once per pair: when it can be answered, or when that takes long. */
+function say() {
+  const line = byId("progress");
+  if (line.dataset.query !== query.id) {
+    line.dataset.query = query.id;
+    announce((line.textContent ?? "").replace(" · ", ", "));
+  }
 }
 
 /**

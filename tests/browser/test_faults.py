@@ -41,7 +41,7 @@ def test_a_killed_server_brings_the_evaluator_back_to_the_very_query(
     assert before["stage"] == "query"
     page.reload()
     watch(page)
-    assert query_on_screen(page) == "Trial 1 of 3 · Query 2 of 2"
+    assert query_on_screen(page) == "Part 1 of 3 · Pair 2 of 2"
     assert stored_responses(server) == ["left"]
 
 
@@ -54,7 +54,7 @@ def test_an_answer_given_while_the_server_is_away_is_kept_and_saved_when_it_is_b
     expect(page.get_by_text("Not saved yet")).to_be_visible(timeout=15_000)
     server.start()
     expect(page.get_by_test_id("progress")).to_have_text(
-        "Trial 1 of 3 · Query 2 of 2", timeout=30_000
+        "Part 1 of 3 · Pair 2 of 2", timeout=30_000
     )
     assert stored_responses(server) == ["right"]
 
@@ -64,7 +64,7 @@ def test_a_double_click_answers_once(page: Page, server: Server) -> None:
     page.get_by_test_id("answer-left").dblclick()
     watch(page)
     page.wait_for_timeout(500)
-    assert query_on_screen(page) == "Trial 1 of 3 · Query 2 of 2"
+    assert query_on_screen(page) == "Part 1 of 3 · Pair 2 of 2"
     assert stored_responses(server) == ["left"]
 
 
@@ -79,7 +79,7 @@ def test_a_second_tab_that_is_behind_is_brought_to_where_the_session_is(
     answer(second, "left", by="key")
     page.bring_to_front()
     page.keyboard.press("ArrowRight")
-    expect(page.get_by_test_id("progress")).to_have_text("Trial 1 of 3 · Query 2 of 2")
+    expect(page.get_by_test_id("progress")).to_have_text("Part 1 of 3 · Pair 2 of 2")
     assert stored_responses(server) == ["left"]
 
 
@@ -111,5 +111,5 @@ def test_going_back_and_reloading_changes_nothing(page: Page, server: Server) ->
     watch(page)
     page.reload()
     watch(page)
-    assert query_on_screen(page) == "Trial 1 of 3 · Query 2 of 2"
+    assert query_on_screen(page) == "Part 1 of 3 · Pair 2 of 2"
     assert stored_responses(server) == ["left"]

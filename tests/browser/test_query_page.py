@@ -36,7 +36,7 @@ def responses(server: Server) -> list[tuple[str, str | None]]:
 
 
 def at_query(page: Page, number: int) -> None:
-    expect(page.get_by_test_id("progress")).to_have_text(f"Trial 1 of 1 · Query {number} of 4")
+    expect(page.get_by_test_id("progress")).to_have_text(f"Part 1 of 1 · Pair {number} of 4")
     watch(page)
 
 
@@ -96,5 +96,5 @@ def test_buttons_stay_closed_until_both_videos_were_seen_to_their_end(
     expect(page.get_by_test_id("answer-left")).to_be_enabled()
     expect(page.get_by_role("heading", level=1)).to_have_text("Which one is better?")
     page.keyboard.press("ArrowRight")
-    expect(page.get_by_test_id("progress")).to_have_text("Trial 1 of 1 · Query 2 of 4")
+    expect(page.get_by_test_id("progress")).to_have_text("Part 1 of 1 · Pair 2 of 4")
     assert responses(server) == [("right", None)]

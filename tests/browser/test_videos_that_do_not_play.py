@@ -43,7 +43,7 @@ def test_a_pair_that_is_said_not_to_play_is_replaced_and_the_place_stays(
     expect(page.get_by_text("Here is another one")).to_be_visible()
     watch(page)
     assert page.get_by_test_id("video-left").evaluate("(video) => video.currentSrc") != before
-    assert query_on_screen(page) == "Trial 1 of 1 · Query 1 of 4"
+    assert query_on_screen(page) == "Part 1 of 1 · Pair 1 of 4"
     answer(page, "left", by="key")
 
     queries, responses, events = stored(server)

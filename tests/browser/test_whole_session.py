@@ -23,7 +23,7 @@ def test_a_whole_session_ends_in_a_zip_that_holds_what_was_pressed(
     for trial in (1, 2, 3):
         for query in (1, 2):
             watch(page)
-            assert query_on_screen(page) == f"Trial {trial} of 3 · Query {query} of 2"
+            assert query_on_screen(page) == f"Part {trial} of 3 · Pair {query} of 2"
             response = "skip" if may_skip(page) and query == 2 else ("left", "right")[trial % 2]
             answer(page, response, by=by)
             pressed.append(response)

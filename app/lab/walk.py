@@ -56,6 +56,10 @@ async def walk(
                     seen: State = {"index": index}
                     await _call(client, "POST", "/api/v1/session/watched", token, seen)
                 body, path = None, "continue"
+            case "device_check":
+                # A simulated evaluator has whatever device it takes.
+                device = {"width_px": 1920, "played": True, "mbit_s": 1000.0}
+                body, path = {"device": device}, "continue"
             case "questionnaire":
                 asked = state["questionnaire"]["items"]
                 body = {"answers": {item["name"]: _answer(item) for item in asked}}

@@ -6,13 +6,18 @@ looked again: two tabs, a double click or a retry find that it was done.
 
 from __future__ import annotations
 
+from app.storage.tables import Event, SessionRow
 from app.study import protocol
 from app.study.protocol import Stage
+from app.study.stages import Device
 
 from . import playlist, sessions, trials
 from . import state as session_state
 from .state import State
 from .studio import Studio
+
+#: Trial and query of an event that belongs to none.
+NO_TRIAL = -1
 
 
 def current(studio: Studio, token: str) -> State:
@@ -33,19 +38,52 @@ def consent(studio: Studio, token: str, version: str) -> State:
         row.consented_at = studio.now()
         state = session_state.describe(studio, session, row)
         first = trials.first_query(studio, row)
-        coming = [first.left, first.right, *playlist.clips(studio, row)]
+        coming = [*playlist.test_clips(studio, row), first.left, first.right]
+        coming.extend(playlist.clips(studio, row))
     studio.proposer.render(coming)
     return state
 
 
-def go_on(studio: Studio, token: str) -> State:
-    """Leave a page that only has to be left. Raises OutOfOrder, or BreakNotOver."""
+def go_on(studio: Studio, token: str, device: Device | None = None) -> State:
+    """Leave a page that only has to be left. Raises a ProtocolError that says what is missing."""
     with studio.database.write() as session:
         row = sessions.find(studio, session, token, to_write=True)
+        checked = row.stage == Stage.DEVICE_CHECK
         watched = len(playlist.watched(row)) if row.stage == Stage.FAMILIARISATION else 0
-        sessions.advance(studio, row, protocol.Continued(at=studio.now(), watched=watched))
+        event = protocol.Continued(at=studio.now(), watched=watched, device=device)
+        sessions.advance(studio, row, event)
+        if checked and device is not None:
+            session.add_all(_measures(row, device))
         trials.arrive(studio, session, row)
         return session_state.describe(studio, session, row)
+
+
+def screen_out(studio: Studio, token: str) -> State:
+    """End a session whose person has no device that passes the check. Raises OutOfOrder."""
+    with studio.database.write() as session:
+        row = sessions.find(studio, session, token, to_write=True)
+        sessions.advance(studio, row, protocol.ScreenedOut())
+        return session_state.describe(studio, session, row)
+
+
+def _measures(row: SessionRow, device: Device) -> list[Event]:
+    """What the device check has measured, kept among the events of no trial."""
+    measured = {
+        "device_width_px": device.width_px,
+        "device_mbit_s": device.mbit_s,
+        "device_played": int(device.played),
+    }
+    return [
+        Event(
+            session_id=row.id,
+            trial_index=NO_TRIAL,
+            query_index=NO_TRIAL,
+            event=name,
+            time_ms=0.0,
+            value=None if value is None else f"{value:g}",
+        )
+        for name, value in measured.items()
+    ]
 
 
 def watch(studio: Studio, token: str, index: int) -> State:

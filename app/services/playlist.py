@@ -35,6 +35,15 @@ def clips(studio: Studio, row: SessionRow) -> tuple[Clip, ...]:
     return tuple(found[index] for index in drawn)
 
 
+def test_clips(studio: Studio, row: SessionRow) -> tuple[Clip, ...]:
+    """The video of the session's device check: any that the study has."""
+    plan = stored_plan(row.plan)
+    if plan.device_check is None:
+        return ()
+    space = studio.proposer.space(row.study_id, plan.used_environments[0])
+    return space.all_clips[:1]
+
+
 def watched(row: SessionRow) -> list[int]:
     """Places of this playlist, from 0, that were watched to the end."""
     first, size = _places(row)

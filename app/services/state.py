@@ -48,6 +48,8 @@ def describe(studio: Studio, session: Session, row: SessionRow) -> State:
     match progress.stage:
         case Stage.CONSENT:
             state["consent"] = consent_text(written)
+        case Stage.DEVICE_CHECK:
+            state["device_check"] = _device_check(studio, row, plan)
         case Stage.INSTRUCTIONS:
             state["instructions"] = {"html": rendered(written["instructions"])}
         case Stage.FAMILIARISATION:
@@ -80,7 +82,7 @@ def study_of(plan: Plan, slug: str, language: str) -> dict[str, Any]:
     """What every page may say of the study; `stages` are those that it has, in their order."""
     asks = plan.items(AFTER_TRIAL) or plan.items(AT_THE_END)
     optional = {
-        Stage.DEVICE_CHECK: False,
+        Stage.DEVICE_CHECK: plan.device_check is not None,
         Stage.FAMILIARISATION: plan.familiarisation.videos > 0,
         Stage.PRACTICE: plan.practice.queries > 0,
         Stage.QUESTIONNAIRE: bool(asks),
@@ -120,6 +122,17 @@ def consent_text(written: Mapping[str, str]) -> dict[str, str]:
 @lru_cache(maxsize=256)
 def rendered(markdown: str) -> str:
     return texts.render(markdown)
+
+
+def _device_check(studio: Studio, row: SessionRow, plan: Plan) -> dict[str, Any]:
+    check = plan.device_check
+    assert check is not None
+    return {
+        "clip": query_state.video(playlist.test_clips(studio, row)[0]),
+        "test_clip": check.test_clip,
+        "min_width_px": check.min_width_px,
+        "min_mbit_s": check.min_mbit_s,
+    }
 
 
 def _questionnaire(plan: Plan, page: int, language: str) -> dict[str, Any]:

@@ -19,12 +19,14 @@ from app.study.protocol import (
     BreakNotOver,
     Consented,
     Continued,
+    DeviceRefused,
     Event,
     OutOfOrder,
     Position,
     Progress,
     ProtocolError,
     Responded,
+    ScreenedOut,
     Stage,
     StaleConsent,
     WatchMore,
@@ -35,6 +37,7 @@ from app.study.protocol import (
 from app.study.questionnaire import AnswerFault, Item, Questionnaires, read_answers
 from app.study.recordings import RecordingRow
 from app.study.scaffold import FolderNotEmptyError, init
+from app.study.stages import Device, DeviceCheck
 from app.study.texts import consent_version, render
 
 __all__ = [
@@ -47,6 +50,9 @@ __all__ = [
     "Condition",
     "Consented",
     "Continued",
+    "Device",
+    "DeviceCheck",
+    "DeviceRefused",
     "Environment",
     "Event",
     "Fault",
@@ -62,6 +68,7 @@ __all__ = [
     "Questionnaires",
     "RecordingRow",
     "Responded",
+    "ScreenedOut",
     "Stage",
     "StaleConsent",
     "StudyFaults",

@@ -29,7 +29,7 @@ from app.study.part import ONE_OR_MORE_TEXTS, LocalText, Part
 from app.study.questionnaire import Item, Questionnaires
 from app.study.recordings import RecordingRow
 from app.study.recruitment import Recruitment
-from app.study.stages import Familiarisation, Practice, Resume
+from app.study.stages import DeviceCheck, Familiarisation, Practice, Resume
 
 # These name folders as well, so they hold nothing that leads elsewhere.
 LANGUAGE_PATTERN = r"^[a-z]{2,3}(-[A-Za-z0-9]{2,8})*$"
@@ -120,6 +120,9 @@ class Plan(Part):
     )
     break_s: StrictInt = Field(
         default=120, ge=0, le=86_400, description="whole seconds from 0 (no break) to 86400"
+    )
+    device_check: DeviceCheck | None = Field(
+        default=None, description="a mapping such as {test_clip: true, min_width_px: 600}"
     )
     familiarisation: Familiarisation = Field(
         default=Familiarisation(), description="a mapping such as {videos: 10, required: 0}"

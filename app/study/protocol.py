@@ -11,6 +11,7 @@ from enum import StrEnum
 from typing import Self, TypedDict
 
 from app.study.plan import Plan
+from app.study.stages import Device
 
 
 class Stage(StrEnum):
@@ -95,10 +96,14 @@ class Consented:
 
 @dataclass(frozen=True)
 class Continued:
-    """A page that only has to be left is left; so many of its videos were watched."""
+    """A page that only has to be left is left; so many of its videos were watched.
+
+    device: what was measured, where the page measures it.
+    """
 
     at: datetime
     watched: int = 0
+    device: Device | None = None
 
     def __post_init__(self) -> None:
         _require_timezone(self.at)
@@ -126,11 +131,16 @@ class Answered:
 
 
 @dataclass(frozen=True)
+class ScreenedOut:
+    """The person has no device that passes the check."""
+
+
+@dataclass(frozen=True)
 class Withdrew:
     """The person stops: declines in stage consent, withdraws later."""
 
 
-Event = Consented | Continued | Responded | Answered | Withdrew
+Event = Consented | Continued | Responded | Answered | ScreenedOut | Withdrew
 
 
 class ProtocolError(Exception):
@@ -174,6 +184,14 @@ class WatchMore(ProtocolError):  # noqa: N818 - named for what happened
         )
 
 
+class DeviceRefused(ProtocolError):  # noqa: N818 - named for what happened
+    """The device does not pass; `lacks` names what: width, clip or line."""
+
+    def __init__(self, lacks: tuple[str, ...]) -> None:
+        super().__init__(f"The device did not pass its check: it lacks {', '.join(lacks)}.")
+        self.lacks = lacks
+
+
 class Position(TypedDict):
     """Progress in numbers for people, counted from 1."""
 
@@ -204,6 +222,10 @@ def advance(plan: Plan, progress: Progress, event: Event) -> Progress:
     match event:
         case Withdrew():
             return _after_withdrawal(plan, progress)
+        case ScreenedOut():
+            if progress.stage is not Stage.DEVICE_CHECK:
+                raise _out_of_order(plan, progress)
+            return Progress(Stage.SCREENED_OUT)
         case Consented():
             return _after_consent(plan, progress, event)
         case Continued():
@@ -244,11 +266,17 @@ def _after_consent(plan: Plan, progress: Progress, event: Consented) -> Progress
         raise _out_of_order(plan, progress)
     if event.version != event.current_version:
         raise StaleConsent(event.current_version, event.version)
-    return Progress(Stage.INSTRUCTIONS)
+    return Progress(Stage.INSTRUCTIONS if plan.device_check is None else Stage.DEVICE_CHECK)
 
 
 def _after_continue(plan: Plan, progress: Progress, event: Continued) -> Progress:
     match progress.stage:
+        case Stage.DEVICE_CHECK if plan.device_check is not None:
+            device = event.device or Device(width_px=0)
+            lacks = plan.device_check.shortcomings(device)
+            if lacks or event.device is None:
+                raise DeviceRefused(lacks or ("measures",))
+            return Progress(Stage.INSTRUCTIONS)
         case Stage.INSTRUCTIONS:
             return _toward_trial(plan, progress.trial_index)
         case Stage.FAMILIARISATION:

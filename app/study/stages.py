@@ -1,8 +1,9 @@
 """What a plan may say of the stages around its comparisons."""
 
+from dataclasses import dataclass
 from typing import Annotated, Literal
 
-from pydantic import Field, StrictInt
+from pydantic import Field, StrictBool, StrictInt
 
 from app.study.part import Part
 
@@ -51,3 +52,35 @@ class Resume(Part):
     max_age_hours: Annotated[float, Field(ge=0.5, le=8760, allow_inf_nan=False)] | None = Field(
         default=None, description="a number of hours from 0.5 to 8760"
     )
+
+
+@dataclass(frozen=True)
+class Device:
+    """What a browser measured: its width, whether the clip played to its end, and the line."""
+
+    width_px: int
+    played: bool = False
+    mbit_s: float | None = None
+
+
+class DeviceCheck(Part):
+    """What a device has to be capable of before it is any use to begin."""
+
+    test_clip: StrictBool = Field(default=True, description="true or false")
+    min_width_px: StrictInt | None = Field(
+        default=None, ge=200, le=10_000, description="a whole number of pixels from 200 to 10000"
+    )
+    min_mbit_s: Annotated[float, Field(gt=0, le=1000, allow_inf_nan=False)] | None = Field(
+        default=None, description="a number of Mbit/s above 0"
+    )
+
+    def shortcomings(self, device: Device) -> tuple[str, ...]:
+        """What the device lacks: any of width, clip and line."""
+        found = []
+        if self.min_width_px is not None and device.width_px < self.min_width_px:
+            found.append("width")
+        if self.test_clip and not device.played:
+            found.append("clip")
+        if self.min_mbit_s is not None and (device.mbit_s or 0) < self.min_mbit_s:
+            found.append("line")
+        return tuple(found)

@@ -10,12 +10,14 @@ from app.services import admission, answers, participation, questionnaires, with
 from app.services.answers import Answer, FaultReport
 from app.services.queries import Happening
 from app.services.tokens import receipt_code
+from app.study.stages import Device
 
 from .problems import refusals
 from .schemas import (
     Answers,
     AskForDeletion,
     GiveConsent,
+    GoOn,
     Happened,
     Leave,
     ReportFault,
@@ -74,10 +76,18 @@ def give_consent(body: GiveConsent, studio: StudioDep, token: SessionToken) -> S
     return participation.consent(studio, token, body.version)
 
 
-@router.post("/session/continue", response_model=SessionState, responses=refusals(401, 409))
-def go_on(studio: StudioDep, token: SessionToken) -> State:
-    """Leave a page that only has to be left."""
-    return participation.go_on(studio, token)
+@router.post("/session/continue", response_model=SessionState, responses=refusals(401, 409, 422))
+def go_on(studio: StudioDep, token: SessionToken, body: GoOn | None = None) -> State:
+    """Leave a page that only has to be left. The device check wants what was measured."""
+    measured = body.device if body is not None else None
+    device = Device(**measured.model_dump()) if measured is not None else None
+    return participation.go_on(studio, token, device)
+
+
+@router.post("/session/screen-out", response_model=SessionState, responses=refusals(401, 409))
+def screen_out(studio: StudioDep, token: SessionToken) -> State:
+    """Leave the device check for good: the person has no device that passes it."""
+    return participation.screen_out(studio, token)
 
 
 @router.post(

@@ -50,6 +50,7 @@ KINDS: tuple[tuple[type[Exception], Kind], ...] = (
     (errors.ConflictError, Kind(409, "conflict", "Not possible now")),
     (protocol.StaleConsent, Kind(409, "stale-consent", "The consent text has changed")),
     (protocol.BreakNotOver, Kind(409, "break-not-over", "The break is not over")),
+    (protocol.DeviceRefused, Kind(409, "device-refused", "The device did not pass its check")),
     (protocol.WatchMore, Kind(409, "watch-more", "Some videos are still to be watched")),
     (protocol.ProtocolError, Kind(409, "out-of-order", "Out of order")),
 )
@@ -111,6 +112,9 @@ async def _domain_error(request: Request, error: Exception) -> Response:
     if isinstance(error, protocol.BreakNotOver):
         extra["stage"] = str(protocol.Stage.BREAK)
         extra["seconds_left"] = error.seconds_left
+    if isinstance(error, protocol.DeviceRefused):
+        extra["stage"] = str(protocol.Stage.DEVICE_CHECK)
+        extra["lacks"] = list(error.lacks)
     if isinstance(error, protocol.WatchMore):
         extra["stage"] = str(protocol.Stage.FAMILIARISATION)
         extra["videos_left"] = error.left

@@ -31,6 +31,18 @@ class GiveConsent(_In):
     version: str = Field(max_length=64, description="Version of the text that is agreed to.")
 
 
+class MeasuredDevice(_In):
+    """What a page's device check has measured."""
+
+    width_px: int = Field(ge=0, le=100_000, description="Width of the page in CSS pixels.")
+    played: bool = Field(False, description="Whether the test clip played to its end.")
+    mbit_s: float | None = Field(None, ge=0, le=1e6, allow_inf_nan=False)
+
+
+class GoOn(_In):
+    device: MeasuredDevice | None = Field(None, description="In stage device_check.")
+
+
 class Watched(_In):
     index: int = Field(ge=0, le=1_000, description="Place of the video in the list, from 0.")
 

@@ -20,6 +20,7 @@ router = APIRouter(prefix="/s/{slug}", include_in_schema=False, route_class=Fail
 TITLES = {
     "welcome": "Welcome",
     "consent": "Consent",
+    "device_check": "Device check",
     "instructions": "Instructions",
     "familiarisation": "Familiarisation",
     "practice": "Practice",
@@ -32,6 +33,12 @@ TITLES = {
     "declined": "You have declined",
     "screened_out": "Thank you",
 }
+
+
+@router.post("/screen-out")
+def screen_out(slug: str, request: Request, studio: StudioDep) -> Response:
+    """Leave the device check for good."""
+    return do(slug, lambda: participation.screen_out(studio, token_of(request, slug)))
 
 
 async def form_fields(request: Request) -> dict[str, str]:

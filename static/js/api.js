@@ -8,6 +8,7 @@
  * @typedef {{
  *   stage: string, progress: Progress, study: {break_s: number, stages: string[]}, query?: Query,
  *   break?: {ends_at: string, seconds_left: number},
+ *   device_check?: {clip: Recording, test_clip: boolean, min_width_px: number | null, min_mbit_s: number | null},
  *   familiarisation?: {videos: Recording[], required: number, watched: number[], speeds: number[]},
  * }} State
  * @typedef {"left" | "right" | "skip"} Response
@@ -66,6 +67,15 @@ export class SessionApi {
    */
   reportFault(fault) {
     return this.#call("POST", "/session/faults", fault);
+  }
+
+  /**
+   * Leave the device check with what was measured.
+   * @param {{width_px: number, played: boolean, mbit_s: number | null}} device
+   * @returns {Promise<State>}
+   */
+  passDeviceCheck(device) {
+    return this.#call("POST", "/session/continue", { device });
   }
 
   /**

@@ -144,6 +144,9 @@ class Session:
                 return self.respond(response, rt_ms=rt_ms)
             case "break":
                 wait(self.state["break"]["seconds_left"])
+            case "device_check":
+                device = {"width_px": 1920, "played": True, "mbit_s": 1000.0}
+                return self.call("continue", {"device": device})
             case "questionnaire":
                 asked = self.state["questionnaire"]["items"]
                 return self.call("questionnaire", {"answers": {item["name"]: 3 for item in asked}})

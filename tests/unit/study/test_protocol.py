@@ -13,12 +13,14 @@ from app.study import (
     BreakNotOver,
     Consented,
     Continued,
+    Device,
     Event,
     OutOfOrder,
     Plan,
     Progress,
     ProtocolError,
     Responded,
+    ScreenedOut,
     Stage,
     StaleConsent,
     Withdrew,
@@ -240,6 +242,7 @@ events_at_random = st.lists(
         st.builds(Answered, times),
         st.builds(Continued, times),
         st.builds(Responded, st.integers(-1, 4), times),
+        st.builds(ScreenedOut),
         st.builds(Withdrew),
     ),
     max_size=40,
@@ -251,6 +254,7 @@ shapes = st.fixed_dictionaries(
         "queries_per_trial": st.integers(1, 4),
         "trials_per_condition": st.integers(1, 2),
         "familiarisation": st.sampled_from([{"videos": 0}, {"videos": 3}]),
+        "device_check": st.sampled_from([None, {"min_width_px": 600}]),
         "practice": st.sampled_from([{}, {"queries": 2}]),
         "questionnaires": st.sampled_from(
             [{}, {"end": [ITEM]}, {"after_trial": [ITEM], "end": [ITEM]}]
@@ -307,6 +311,9 @@ def test_a_session_that_goes_on_answers_every_query_once_and_completes(
         now += timedelta(seconds=data.draw(st.integers(1, 200)))
         if progress.stage is Stage.CONSENT:
             progress = advance(plan, progress, AGREED)
+        elif progress.stage is Stage.DEVICE_CHECK:
+            device = Device(width_px=600, played=True)
+            progress = advance(plan, progress, Continued(now, device=device))
         elif progress.stage is Stage.PRACTICE:
             progress = advance(plan, progress, Responded(progress.query_index, now))
         elif progress.stage is Stage.QUERY:
@@ -341,4 +348,11 @@ def test_whoever_has_not_ended_can_always_leave(
 
 
 def test_there_is_no_event_that_the_tests_leave_out() -> None:
-    assert set(get_args(Event)) == {Consented, Continued, Responded, Answered, Withdrew}
+    assert set(get_args(Event)) == {
+        Consented,
+        Continued,
+        Responded,
+        Answered,
+        ScreenedOut,
+        Withdrew,
+    }

@@ -1,0 +1,164 @@
+/**
+ * The device check: plays a video, measures the page's width and the line, and says what to do if they will not do.
+ */
+
+import { Refused, SessionApi } from "./api.js";
+import { Clip } from "./clip.js";
+import { announce, byId, stateOfPage, wantsLessMotion, within } from "./dom.js";
+import { Preloader } from "./preloader.js";
+
+/** The line is measured so many times; the best counts, since a first fetch also waits for the video to be made. */
+const MEASUREMENTS = 2;
+
+/** A clip that has not ended after so many times its length has not played. */
+const PATIENCE = 4;
+
+const page = byId("check");
+const api = new SessionApi(page.dataset.slug ?? "");
+const check = /** @type {NonNullable<import("./api.js").State["device_check"]>} */ (stateOfPage().device_check);
+const leave = /** @type {HTMLButtonElement} */ (byId("continue"));
+const again = byId("again");
+const giveUp = byId("give-up");
+
+/** What to do about each thing that a device may lack. */
+const ADVICE = {
+  clip: "The video has not played to its end. Press Check again to play it, or try another browser.",
+  width: `Make the window wider, turn your device, or use one with a larger screen: the page has to be ${check.min_width_px} pixels wide.`,
+  line: `Your connection is slow. Close what else uses it, or try another one: it has to carry ${check.min_mbit_s} Mbit/s.`,
+};
+
+/** @typedef {keyof typeof ADVICE} Lack */
+
+/** @type {{width_px: number, played: boolean, mbit_s: number | null}} */
+const measured = { width_px: 0, played: false, mbit_s: null };
+/** Who asked for less motion starts the video by a press. */
+let mayPlay = !wantsLessMotion();
+/** @type {Clip | null} */
+let clip = null;
+/** @type {ReturnType<typeof setTimeout> | undefined} */
+let patience;
+
+if (check.test_clip) {
+  clip = new Clip(within(page, ".player"), new Preloader(), {
+    onReady: () => (mayPlay ? play() : settle("clip", false)),
+    onStalled: () => {},
+    onFailed: () => settle("clip", false),
+    onHesitating: () => settle("clip", false),
+    onEvent: () => {},
+  });
+  clip.video.addEventListener("ended", () => {
+    measured.played = true;
+    settle("clip", true);
+  });
+}
+
+function play() {
+  clearTimeout(patience);
+  patience = setTimeout(() => measured.played || settle("clip", false), check.clip.duration_s * PATIENCE * 1000);
+  clip?.video.play().catch((error) => error.name === "NotAllowedError" && settle("clip", false));
+}
+
+function measureWidth() {
+  measured.width_px = window.innerWidth;
+  if (check.min_width_px !== null) {
+    settle("width", measured.width_px >= check.min_width_px);
+  }
+}
+
+async function measureLine() {
+  for (let turn = 0; turn < MEASUREMENTS; turn += 1) {
+    try {
+      const response = await fetch(check.clip.url, { cache: "no-store", credentials: "same-origin" });
+      const begun = performance.now();
+      const size = (await response.blob()).size;
+      const seconds = Math.max((performance.now() - begun) / 1000, 0.001);
+      if (response.ok) {
+        measured.mbit_s = Math.max(measured.mbit_s ?? 0, Math.round((size * 8) / seconds / 1e4) / 100);
+      }
+    } catch {
+      // A line that breaks is a slow one.
+    }
+  }
+  if (check.min_mbit_s !== null) {
+    settle("line", (measured.mbit_s ?? 0) >= check.min_mbit_s);
+  }
+}
+
+/**
+ * @param {Lack} name
+ * @param {boolean} isGood
+ */
+function settle(name, isGood) {
+  const line = page.querySelector(`[data-check="${name}"]`);
+  if (!(line instanceof HTMLElement)) {
+    return;
+  }
+  line.dataset.result = isGood ? "good" : "lacking";
+  within(line, ".result").textContent = isGood ? "Yes" : "No";
+  show();
+}
+
+/** Show what may be done next. */
+function show() {
+  const lines = /** @type {HTMLElement[]} */ ([...page.querySelectorAll("[data-check]")]);
+  const lacking = lines.filter(({ dataset }) => dataset.result === "lacking");
+  const isGood = lines.every(({ dataset }) => dataset.result === "good");
+  advise(lacking.map(({ dataset }) => /** @type {Lack} */ (dataset.check)));
+  again.hidden = lacking.length === 0;
+  giveUp.hidden = lacking.length === 0;
+  if (leave.disabled && isGood) {
+    announce("Your device is fine. You can continue.");
+  }
+  leave.disabled = !isGood;
+}
+
+/** @param {Lack[]} lacks */
+function advise(lacks) {
+  const text = lacks.map((name) => ADVICE[name]);
+  const advice = byId("advice");
+  if (advice.textContent !== text.join("")) {
+    advice.replaceChildren(...text.map((words) => {
+      const line = document.createElement("p");
+      line.className = "notice";
+      line.textContent = words;
+      return line;
+    }));
+  }
+}
+
+function begin() {
+  measured.played = false;
+  measured.mbit_s = null;
+  for (const line of /** @type {NodeListOf<HTMLElement>} */ (page.querySelectorAll("[data-check]"))) {
+    line.dataset.result = "open";
+    within(line, ".result").textContent = "Checking";
+  }
+  show();
+  clip?.show(check.clip.url);
+  measureWidth();
+  measureLine();
+}
+
+async function goOn() {
+  leave.disabled = true;
+  try {
+    await api.passDeviceCheck(measured);
+    location.reload();
+  } catch (error) {
+    leave.disabled = false;
+    if (error instanceof Refused && error.status === 409) {
+      location.reload(); // another tab has gone on, or the window has become narrower
+      return;
+    }
+    announce("Not sent yet. Try again.");
+    byId("advice").textContent = "The server cannot be reached. Try again in a moment.";
+  }
+}
+
+window.addEventListener("resize", measureWidth);
+again.addEventListener("click", () => {
+  mayPlay = true;
+  begin();
+});
+leave.addEventListener("click", goOn);
+begin();

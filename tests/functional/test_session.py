@@ -134,7 +134,9 @@ def test_a_break_cannot_be_left_early_and_says_how_long_it_still_lasts(
     session = client.start().to_first_query()
     for _ in range(4):
         session.respond("left")
-    assert session.state["break"] == {"ends_at": "2026-03-01T09:02:00Z", "seconds_left": 120}
+    rest = session.state["break"]
+    assert (rest["ends_at"], rest["seconds_left"]) == ("2026-03-01T09:02:00Z", 120)
+    assert set(rest) == {"ends_at", "seconds_left", "next_skip"}
 
     clock.forward(119.5)
     refusal = session.go_on()

@@ -161,7 +161,7 @@ def test_a_platforms_id_is_treated_as_the_browser_is(
     rule += "recruitment: {platform: prolific, codes: {completed: C1}}\n"
     study_shelf.put_into(studio, SHORT_PLAN + rule)
     came = {"external_ids": {"PROLIFIC_PID": "abc"}}
-    client.start(**came).to_first_query()
+    client.start(external_ids={"PROLIFIC_PID": "abc"}).to_first_query()
     clock.forward(2 * 3600)
     assert client.post("/api/v1/studies/short/sessions", json=came).status_code == status
     rows = client.table("sessions", request.getfixturevalue("api_token"))

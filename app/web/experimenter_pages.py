@@ -12,6 +12,7 @@ from app.services import accounts, admission, entry_links, results, studies
 from app.services.accounts import Experimenter
 from app.services.errors import SignInRequiredError
 from app.services.export import TABLES
+from app.services.state import ENDED
 
 from .security import (
     FORM_COOKIE,
@@ -128,7 +129,7 @@ def one_study(
     title = plan.text(plan.title, language)
     lines = results.sessions(studio, slug, None if mode == "all" else mode)
     stages = [line.stage for line in lines]
-    ended = {stage: stages.count(stage) for stage in ("completed", "withdrawn", "declined")}
+    ended = {stage: stages.count(stage) for stage in ENDED}
     export = f"/api/v1/studies/{slug}/export"
     return _page(
         request,

@@ -23,7 +23,9 @@ TRIAL = TrialInHand(
 def space() -> Space:
     """Nine candidates on a line, three clips of each."""
     clips = tuple(
-        tuple(Clip(3 * index + run, f"id{index}-{run}", 10.0, "crane", "") for run in range(3))
+        tuple(
+            Clip(3 * index + run, f"id{index}-{run}", 10.0, "crane", "", None) for run in range(3)
+        )
         for index in range(9)
     )
     return Space(np.linspace(0, 1, 9)[:, None], clips)

@@ -13,7 +13,7 @@ from rich.console import Console
 from rich.table import Table
 from typer.exceptions import Abort, Exit, TyperException
 
-from app.services import accounts, studies
+from app.services import accounts, revision, studies
 from app.services.errors import ConflictError, ServiceError
 from app.services.settings import Settings, settings_faults
 from app.services.studio import Studio, open_studio
@@ -175,6 +175,14 @@ def study_create(folder: Folder, data_dir: DataDir = None) -> None:
     out.print(
         f"{info.slug}: created as a draft. To let participants in: pbpo study open {info.slug}"
     )
+
+
+@study_app.command("revise")
+def study_revise(folder: Folder, data_dir: DataDir = None) -> None:
+    """Give a study new texts. Whoever agreed to another consent is asked again."""
+    loaded = studies.load_folder(folder)
+    info = revision.revise(studio_of(data_dir), loaded)
+    out.print(f"{info.slug}: texts as of version {info.plan_version}.")
 
 
 @study_app.command("list")

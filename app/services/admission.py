@@ -17,7 +17,7 @@ from app.study.folder import WELCOME
 from app.study.plan import Plan
 from app.study.protocol import Progress
 
-from . import entry_links, failures, places, returning, sessions, studies
+from . import consents, entry_links, failures, places, returning, sessions, studies
 from . import state as session_state
 from .errors import ForbiddenError, SignInRequiredError, StudyNotOpenError
 from .state import State
@@ -70,7 +70,7 @@ def entrance(
         language=language,
         languages=study.plan.languages,
         welcome=welcome and session_state.rendered(welcome),
-        consent=session_state.consent_text(study.texts[language]),
+        consent=consents.text(study.texts[language]),
         trials=study.plan.trials,
         queries=study.plan.shown_per_trial,
     )

@@ -11,13 +11,10 @@ from app.study import protocol
 from app.study.protocol import Stage
 from app.study.stages import Device
 
-from . import playlist, sessions, trials
+from . import consents, playlist, sessions, trials
 from . import state as session_state
 from .state import State
 from .studio import Studio
-
-#: Trial and query of an event that belongs to none.
-NO_TRIAL = -1
 
 
 def current(studio: Studio, token: str) -> State:
@@ -30,8 +27,15 @@ def consent(studio: Studio, token: str, version: str) -> State:
     """Agree to the consent of `version`. Raises StaleConsent if the text is another one now."""
     with studio.database.write() as session:
         row = sessions.find(studio, session, token, to_write=True)
-        written = row.plan.texts[row.language]
-        now_in_force = session_state.consent_text(written)["version"]
+        changed = consents.due(session, row)
+        if changed is not None:
+            is_again = row.stage != Stage.CONSENT
+            consents.renew(session, row, changed, version)
+            if is_again:
+                row.consent_version = version
+                row.consented_at = row.last_seen_at = studio.now()
+                return session_state.describe(studio, session, row)
+        now_in_force = consents.text(row.plan.texts[row.language])["version"]
         event = protocol.Consented(version=version, current_version=now_in_force)
         sessions.advance(studio, row, event)
         row.consent_version = version
@@ -76,8 +80,8 @@ def _measures(row: SessionRow, device: Device) -> list[Event]:
     return [
         Event(
             session_id=row.id,
-            trial_index=NO_TRIAL,
-            query_index=NO_TRIAL,
+            trial_index=consents.NO_TRIAL,
+            query_index=consents.NO_TRIAL,
             event=name,
             time_ms=0.0,
             value=None if value is None else f"{value:g}",

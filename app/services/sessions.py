@@ -9,7 +9,7 @@ from app.storage.arrivals import Reentry
 from app.storage.tables import SessionRow
 from app.study import protocol
 
-from . import places, studies
+from . import consents, places, studies
 from . import state as session_state
 from .errors import SessionExpiredError, SignInRequiredError
 from .studio import Studio
@@ -51,6 +51,9 @@ def find(
 
 def advance(studio: Studio, row: SessionRow, event: protocol.Event) -> None:
     """Move the session on by what happened. Raises a ProtocolError if it cannot happen now."""
+    if isinstance(event, protocol.Continued | protocol.Answered | protocol.ScreenedOut):
+        # A response given before the text changed is taken all the same: nothing is lost.
+        consents.require_none_due(row)
     plan = studies.stored_plan(row.plan)
     session_state.place(row, protocol.advance(plan, session_state.read_progress(row), event))
     row.last_seen_at = studio.now()

@@ -5,7 +5,6 @@ No parameter, score, method or condition is in here, and recordings are addresse
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from datetime import datetime
 from functools import lru_cache
 from typing import Any
@@ -24,7 +23,7 @@ from app.study.protocol import (
     position,
 )
 
-from . import playlist, query_state, recruitment
+from . import consents, playlist, query_state, recruitment
 from .studies import stored_plan
 from .studio import Studio
 
@@ -45,9 +44,18 @@ def describe(studio: Studio, session: Session, row: SessionRow) -> State:
         "language": row.language,
     }
     written = row.plan.texts[row.language]
+    changed = consents.due(session, row)
+    if changed is not None:
+        # Agreed to another text: asked again, and nothing else until then.
+        state["stage"] = Stage.CONSENT.value
+        state["consent"] = {
+            **consents.text(changed.texts[row.language]),
+            "again": progress.stage is not Stage.CONSENT,
+        }
+        return state
     match progress.stage:
         case Stage.CONSENT:
-            state["consent"] = consent_text(written)
+            state["consent"] = {**consents.text(written), "again": False}
         case Stage.DEVICE_CHECK:
             state["device_check"] = _device_check(studio, row, plan)
         case Stage.INSTRUCTIONS:
@@ -111,12 +119,6 @@ def place(row: SessionRow, progress: Progress) -> None:
     row.trial_index = progress.trial_index
     row.query_index = progress.query_index
     row.break_ends_at = progress.break_ends_at
-
-
-def consent_text(written: Mapping[str, str]) -> dict[str, str]:
-    """The consent of one language, with the version that an agreement has to name."""
-    markdown = written["consent"]
-    return {"version": texts.consent_version(markdown), "html": rendered(markdown)}
 
 
 @lru_cache(maxsize=256)

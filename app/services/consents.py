@@ -1,0 +1,75 @@
+"""Consents: their text with its version, and whose consent a changed text asks for anew."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import lru_cache
+
+from sqlalchemy import select
+from sqlalchemy.orm import Session, object_session
+
+from app.storage.tables import Event, PlanVersion, SessionRow
+from app.study import protocol, texts
+from app.study.protocol import FINAL_STAGES, Stage
+
+#: Trial and query of an event that belongs to none.
+NO_TRIAL = -1
+
+
+@lru_cache(maxsize=256)
+def _rendered(markdown: str) -> str:
+    return texts.render(markdown)
+
+
+def text(written: Mapping[str, str]) -> dict[str, str]:
+    """The consent of one language, with the version that an agreement has to name."""
+    markdown = written["consent"]
+    return {"version": texts.consent_version(markdown), "html": _rendered(markdown)}
+
+
+def due(session: Session, row: SessionRow) -> PlanVersion | None:
+    """The newest version of the plan, if this session's person has not agreed to its consent.
+
+    A session that began under an earlier version keeps that version's other texts: only a consent
+    is asked for again, and the session then goes on, under the newest version, where it was.
+    """
+    if row.stage in FINAL_STAGES:
+        return None
+    newest = session.scalar(
+        select(PlanVersion.id)
+        .where(PlanVersion.study_id == row.study_id)
+        .order_by(PlanVersion.version.desc())
+        .limit(1)
+    )
+    if newest == row.plan_id:
+        return None
+    version = session.get_one(PlanVersion, newest)
+    wanted = text(version.texts[row.language])["version"]
+    return version if row.stage == Stage.CONSENT or wanted != row.consent_version else None
+
+
+def require_none_due(row: SessionRow) -> None:
+    """Raises OutOfOrder if the person has to agree to a changed text before they go on."""
+    session = object_session(row)
+    if session is not None and row.stage != Stage.CONSENT and due(session, row) is not None:
+        raise protocol.OutOfOrder(Stage.CONSENT, "the consent has changed, and is asked for again")
+
+
+def renew(session: Session, row: SessionRow, version: PlanVersion, given: str) -> None:
+    """Take the agreement to a changed text: the session keeps its place. Raises StaleConsent."""
+    in_force = text(version.texts[row.language])["version"]
+    if given != in_force:
+        raise protocol.StaleConsent(in_force, given)
+    if row.consent_version is not None:
+        session.add(
+            Event(
+                session_id=row.id,
+                trial_index=NO_TRIAL,
+                query_index=NO_TRIAL,
+                event="consent_renewed",
+                time_ms=0.0,
+                # What the answers so far were given under.
+                value=row.consent_version,
+            )
+        )
+    row.plan = version

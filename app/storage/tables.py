@@ -156,7 +156,6 @@ class SessionRow(Base):
         _one_of("mode", "live", "preview", "simulated"),
         _one_of(
             "stage",
-            "welcome",
             "consent",
             "device_check",
             "instructions",

@@ -232,7 +232,7 @@ def upgrade() -> None:
             "mode IN ('live', 'preview', 'simulated')", name=op.f("ck_sessions_mode")
         ),
         sa.CheckConstraint(
-            "stage IN ('welcome', 'consent', 'device_check', 'instructions', 'familiarisation', 'practice', 'query', 'questionnaire', 'break', 'debrief', 'completed', 'withdrawn', 'declined', 'screened_out')",
+            "stage IN ('consent', 'device_check', 'instructions', 'familiarisation', 'practice', 'query', 'questionnaire', 'break', 'debrief', 'completed', 'withdrawn', 'declined', 'screened_out')",
             name=op.f("ck_sessions_stage"),
         ),
         sa.CheckConstraint(

@@ -76,6 +76,10 @@ class SkipReasonError(ResponseRefusedError):
     """The reason is none that goes with this response."""
 
 
+class TooLateToUndoError(ResponseRefusedError):
+    """The response can no longer be taken back, or the study offers no such thing."""
+
+
 class SetAsideError(ResponseRefusedError):
     """The query was set aside for a technical fault, and another one took its place."""
 

@@ -39,9 +39,25 @@ def describe(studio: Studio, session: Session, row: SessionRow) -> dict[str, Any
     }
     if practising:
         state["practice"] = True
+    if undo := _undo(studio, session, row, query):
+        state["undo"] = undo
     if plan.query.watch_once:
         state["watch_once"] = True
     return state
+
+
+def _undo(
+    studio: Studio, session: Session, row: SessionRow, query: QueryRow
+) -> dict[str, str | float] | None:
+    """What the page of the open query says of undoing the response before it, while it may."""
+    undo_s = stored_plan(row.plan).query.undo_s
+    if not undo_s or query.query_index == 0 or query.attempt > 0:
+        return None
+    before = queries.standing_at(session, query.trial_id, query.query_index - 1)
+    if before.response is None:
+        return None
+    left = undo_s - (studio.now() - before.response.answered_at).total_seconds()
+    return {"query_id": before.public_id, "seconds_left": round(left, 1)} if left > 0 else None
 
 
 def video_url(public_id: str) -> str:

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Mapping
 from typing import Annotated
 
-from pydantic import Field, StrictBool, StrictStr, StringConstraints
+from pydantic import Field, StrictBool, StrictInt, StrictStr, StringConstraints
 
 from app.study.part import ONE_OR_MORE_TEXTS, LocalText, Part
 from app.study.plain import Inconsistency, Place, all_languages, as_mapping, languages_of
@@ -32,6 +32,12 @@ class QueryPage(Part):
     watch_once: StrictBool = Field(
         default=False,
         description="true or false: whether both videos have to be seen to their end first",
+    )
+    undo_s: StrictInt = Field(
+        default=0,
+        ge=0,
+        le=60,
+        description="whole seconds from 0 (no undo) to 60 in which a response can be taken back",
     )
 
 

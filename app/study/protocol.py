@@ -136,11 +136,18 @@ class ScreenedOut:
 
 
 @dataclass(frozen=True)
+class Undone:
+    """The response to the query of this index, the one before the open query, is taken back."""
+
+    query_index: int
+
+
+@dataclass(frozen=True)
 class Withdrew:
     """The person stops: declines in stage consent, withdraws later."""
 
 
-Event = Consented | Continued | Responded | Answered | ScreenedOut | Withdrew
+Event = Consented | Continued | Responded | Undone | Answered | ScreenedOut | Withdrew
 
 
 class ProtocolError(Exception):
@@ -230,8 +237,8 @@ def advance(plan: Plan, progress: Progress, event: Event) -> Progress:
             return _after_consent(plan, progress, event)
         case Continued():
             return _after_continue(plan, progress, event)
-        case Responded():
-            return _after_response(plan, progress, event)
+        case Responded() | Undone():
+            return _within_trial(plan, progress, event)
         case Answered():
             return _after_questionnaire(plan, progress, event)
 
@@ -309,6 +316,15 @@ def _after_response(plan: Plan, progress: Progress, event: Responded) -> Progres
     if plan.items(AFTER_TRIAL):
         return Progress(Stage.QUESTIONNAIRE, trial_index=finished, query_index=AFTER_TRIAL)
     return _after_trial(plan, finished, event.at)
+
+
+def _within_trial(plan: Plan, progress: Progress, event: Responded | Undone) -> Progress:
+    if isinstance(event, Responded):
+        return _after_response(plan, progress, event)
+    just_before = 0 <= event.query_index == progress.query_index - 1
+    if progress.stage is not Stage.QUERY or not just_before:
+        raise _out_of_order(plan, progress)
+    return Progress(Stage.QUERY, progress.trial_index, event.query_index)
 
 
 def _after_questionnaire(plan: Plan, progress: Progress, event: Answered) -> Progress:

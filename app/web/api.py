@@ -10,6 +10,7 @@ from app.services import admission, answers, participation, questionnaires, with
 from app.services.answers import Answer, FaultReport
 from app.services.queries import Happening
 from app.services.tokens import receipt_code
+from app.services.undoing import undo
 from app.study.stages import Device
 
 from .problems import refusals
@@ -25,6 +26,7 @@ from .schemas import (
     SessionState,
     Started,
     StartSession,
+    Undo,
     Watched,
 )
 from .security import MaybeExperimenterDep, SessionToken, StudioDep
@@ -122,6 +124,12 @@ def respond(body: Respond, studio: StudioDep, token: SessionToken) -> State:
         happenings=happenings,
     )
     return answers.respond(studio, token, answer)
+
+
+@router.post("/session/undo", response_model=SessionState, responses=refusals(401, 404, 409, 422))
+def undo_response(body: Undo, studio: StudioDep, token: SessionToken) -> State:
+    """Take a response back, while the study lets one."""
+    return undo(studio, token, body.query_id)
 
 
 @router.post("/session/faults", response_model=SessionState, responses=refusals(401, 404, 409, 422))

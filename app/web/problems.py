@@ -40,6 +40,7 @@ KINDS: tuple[tuple[type[Exception], Kind], ...] = (
     (errors.ForbiddenError, Kind(403, "forbidden", "Not allowed")),
     (errors.StudyNotOpenError, Kind(409, "study-not-open", "The study is not open")),
     (errors.SkipReasonError, Kind(422, "skip-reason", "No reason for this")),
+    (errors.TooLateToUndoError, Kind(409, "too-late-to-undo", "Too late to undo")),
     (errors.SetAsideError, Kind(409, "set-aside", "Another query took its place")),
     (errors.NothingToShowError, Kind(409, "nothing-to-show", "No video can be shown")),
     (errors.AlreadyTakenPartError, Kind(409, "already-taken-part", "Taken part already")),

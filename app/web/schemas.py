@@ -97,6 +97,12 @@ class AskForDeletion(_In):
     )
 
 
+class Undo(_In):
+    """The response to this query is taken back."""
+
+    query_id: str = Field(min_length=1, max_length=64)
+
+
 class ReportFault(_In):
     """A video of a query did not play."""
 

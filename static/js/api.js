@@ -2,7 +2,7 @@
  * The session's half of `/api/v1`: who is asking travels in the cookie, which study in a header.
  *
  * @typedef {{url: string, duration_s: number}} Recording
- * @typedef {{id: string, left: Recording, right: Recording, skip: null | Skip, prefetch: string[], watch_once?: boolean}} Query
+ * @typedef {{id: string, left: Recording, right: Recording, skip: null | Skip, prefetch: string[], watch_once?: boolean, undo?: {query_id: string, seconds_left: number}}} Query
  * @typedef {{label: string, reasons?: import("./reasons.js").Reason[]}} Skip
  * @typedef {{trial: number, trials: number, query: number, queries: number}} Progress
  * @typedef {{
@@ -58,6 +58,15 @@ export class SessionApi {
    */
   respond(answer) {
     return this.#call("POST", "/session/responses", answer);
+  }
+
+  /**
+   * Take the response to this query back.
+   * @param {string} queryId
+   * @returns {Promise<State>}
+   */
+  undo(queryId) {
+    return this.#call("POST", "/session/undo", { query_id: queryId });
   }
 
   /**

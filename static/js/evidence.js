@@ -17,7 +17,6 @@ export class EvidenceLog {
     document.addEventListener("visibilitychange", () => this.add(document.visibilityState));
     window.addEventListener("blur", () => this.add("blur"));
     window.addEventListener("focus", () => this.add("focus"));
-    document.addEventListener("fullscreenchange", () => this.add("fullscreen", null, document.fullscreenElement ? 1 : 0));
   }
 
   /** A new pair is on the page. */
@@ -28,7 +27,7 @@ export class EvidenceLog {
     this.#playingAt = NaN;
     this.add("shown");
     this.add(document.visibilityState);
-    if (document.fullscreenElement) {
+    if ("enlarged" in document.documentElement.dataset) {
       this.add("fullscreen", null, 1);
     }
   }

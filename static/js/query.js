@@ -12,6 +12,8 @@ import { Pace } from "./pace.js";
 import { Pair } from "./pair.js";
 import { Preloader } from "./preloader.js";
 import { Reasons } from "./reasons.js";
+import { Theatre } from "./theatre.js";
+import { Undo } from "./undo.js";
 
 /** A press this soon after a new pair was meant for the one before. */
 const GUARD_MS = 250;
@@ -86,6 +88,8 @@ const pair = new Pair(within(stage, '.player[data-side="left"]'), within(stage, 
   onEvent: (event, side, value) => evidence.add(event, side, value ?? null),
 });
 const buttons = new AnswerButtons(stage, (response, event) => respond(response, event));
+const undo = new Undo(byId("undo"), (queryId) => takeBack(queryId));
+new Theatre(byId("enlarge"), (enlarged) => evidence.add("fullscreen", null, enlarged ? 1 : 0));
 const outbox = new Outbox(api, {
   onLate: () => warn("Not saved yet. Trying again.", "Try now", () => outbox.tryNow()),
   onSaved: () => announce("Saved."),
@@ -98,12 +102,13 @@ function show() {
   shownAt = performance.now();
   sending = false;
   seen = !query.watch_once;
-  heading.textContent = seen ? question : "Watch both videos to the end";
+  heading.textContent = seen ? question : "Watch both to the end";
   reasons.dismiss();
   start.hidden = true;
   notice.hidden = true;
   faultButton.setAttribute("aria-disabled", "false");
   buttons.reset(query.skip);
+  undo.offer(query.undo);
   evidence.begin();
   preloader.settle([query.left.url, query.right.url]);
   pair.show(query.left.url, query.right.url);
@@ -183,6 +188,7 @@ async function respond(response, event) {
 /** @param {import("./api.js").Answer} answer */
 async function send(answer) {
   sending = true;
+  undo.withdraw();
   faultButton.setAttribute("aria-disabled", "true");
   buttons.confirm(answer.response);
   pace.took((performance.now() - shownAt) / 1000);
@@ -202,6 +208,27 @@ async function send(answer) {
 }
 
 /**
+ * Back to the pair before: the answer to it is taken back.
+ * @param {string} queryId
+ */
+async function takeBack(queryId) {
+  if (sending) {
+    return;
+  }
+  sending = true;
+  buttons.isOpen = false;
+  undo.withdraw();
+  try {
+    arrive(await api.undo(queryId));
+    announce("Your last answer was taken back.");
+  } catch (error) {
+    sending = false;
+    buttons.isOpen = pair.hasPlayed && seen;
+    warn(error instanceof Refused ? "It is too late to undo that answer." : "The answer could not be taken back.");
+  }
+}
+
+/**
  * A video of this pair does not play: the server sets the query aside and gives another one for it.
  * @param {string} how it was noticed
  */
@@ -210,6 +237,7 @@ async function setAside(how) {
     return;
   }
   sending = true;
+  undo.withdraw();
   buttons.isOpen = false;
   faultButton.setAttribute("aria-disabled", "true");
   const fault = evidence.fault(query.id, how, pair);
@@ -368,6 +396,7 @@ function playAgain(event) {
 }
 
 within(stage, ".replay").addEventListener("click", playAgain);
+byId("enlarge").addEventListener("click", keepKeysWorking);
 faultButton.addEventListener("click", (event) => {
   keepKeysWorking(event);
   if (performance.now() - shownAt > GUARD_MS) {

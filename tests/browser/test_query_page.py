@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+import pytest
 from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import Page, expect
 
 from app.services.settings import Settings
 from app.services.studio import open_studio
-from app.storage.tables import Response
+from app.storage.tables import Event, Response
 
 from .evaluator import enter_small, watch
 from .server import Server
@@ -31,6 +32,16 @@ def responses(server: Server) -> list[tuple[str, str | None]]:
         with studio.database.read() as session:
             rows = session.query(Response).order_by(Response.id)
             return [(row.response, row.skip_reason) for row in rows]
+    finally:
+        studio.close()
+
+
+def enlarged_events(server: Server) -> list[str | None]:
+    studio = open_studio(Settings(data_dir=server.data_dir, media_dir=server.media_dir))
+    try:
+        with studio.database.read() as session:
+            rows = session.query(Event).filter_by(event="fullscreen").order_by(Event.id)
+            return [row.value for row in rows]
     finally:
         studio.close()
 
@@ -86,7 +97,7 @@ def test_buttons_stay_closed_until_both_videos_were_seen_to_their_end(
     page.goto(f"{server.url}/s/small")
     page.get_by_test_id("consent").click()
     page.get_by_test_id("continue").click()
-    expect(page.get_by_role("heading", level=1)).to_have_text("Watch both videos to the end")
+    expect(page.get_by_role("heading", level=1)).to_have_text("Watch both to the end")
     page.wait_for_function(
         """() => document.querySelector('[data-testid="video-left"]').currentTime > 0.5"""
     )
@@ -98,3 +109,52 @@ def test_buttons_stay_closed_until_both_videos_were_seen_to_their_end(
     page.keyboard.press("ArrowRight")
     expect(page.get_by_test_id("progress")).to_have_text("Part 1 of 1 · Pair 2 of 4")
     assert responses(server) == [("right", None)]
+
+
+def test_an_answer_can_be_undone_for_some_seconds(page: Page, serve: Serve) -> None:
+    server = serve(SMALL_PLAN + "query: {undo_s: 4}\n")
+    enter_small(page, f"{server.url}/s/small")
+    expect(page.get_by_test_id("undo")).to_be_hidden()
+    page.keyboard.press("ArrowLeft")
+    at_query(page, 2)
+    page.get_by_test_id("undo").click()
+    at_query(page, 1)
+    assert responses(server) == []
+
+    page.keyboard.press("ArrowRight")
+    at_query(page, 2)
+    expect(page.get_by_test_id("undo")).to_be_hidden(timeout=8_000)
+    page.keyboard.press("ArrowLeft")
+    at_query(page, 3)
+    assert responses(server) == [("right", None), ("left", None)]
+
+
+@pytest.mark.parametrize("has_fullscreen", [True, False])
+def test_both_videos_can_be_enlarged_and_answered_as_before(
+    page: Page, serve: Serve, has_fullscreen: bool
+) -> None:
+    if not has_fullscreen:
+        page.add_init_script("delete Element.prototype.requestFullscreen")
+    server = serve(SMALL_PLAN)
+    enter_small(page, f"{server.url}/s/small")
+    enlarge = page.get_by_test_id("enlarge")
+    enlarge.click()
+    expect(enlarge).to_have_attribute("aria-pressed", "true")
+    assert page.evaluate("document.fullscreenElement !== null") is has_fullscreen
+    expect(page.get_by_text("Debrief")).to_be_hidden()
+    expect(page.get_by_test_id("withdraw")).to_be_visible()
+    expect(page.get_by_test_id("answer-left")).to_be_in_viewport()
+    assert violations(page) == []
+    page.keyboard.press("ArrowLeft")
+    at_query(page, 2)
+    expect(enlarge).to_have_attribute("aria-pressed", "true")
+
+    if has_fullscreen:
+        enlarge.click()
+    else:
+        page.keyboard.press("Escape")
+    expect(enlarge).to_have_attribute("aria-pressed", "false")
+    expect(page.get_by_text("Debrief")).to_be_visible()
+    page.keyboard.press("ArrowRight")
+    at_query(page, 3)
+    assert enlarged_events(server) == ["1", "1", "0"]

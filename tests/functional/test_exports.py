@@ -37,7 +37,7 @@ ACQUIRED = [
 EVENTS = ["session_id", "trial_index", "query_index", "event", "side", "time_ms", "value"]
 IN_THE_ZIP = [
     *("queries", "preferences", "acquired", "sessions", "participants", "questionnaires"),
-    *("deletions", "events", "evidence", "checks", "faults", "recordings"),
+    *("deletions", "events", "evidence", "checks", "undone", "faults", "recordings"),
     "data_dictionary",
 ]
 PLATFORM_ID = "5f0c1ada-prolific"

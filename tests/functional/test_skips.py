@@ -38,7 +38,7 @@ def test_what_a_study_does_not_ask_for_is_not_in_its_queries(
     client: Api, short_study: StudyInfo
 ) -> None:
     query = client.start().to_first_query().state["query"]
-    assert set(query) == {"id", "left", "right", "skip", "practice", "prefetch"}
+    assert set(query) == {"id", "left", "right", "skip", "prefetch"}
     assert query["skip"] is None or set(query["skip"]) == {"label"}
 
 

@@ -8,7 +8,7 @@ from sqlalchemy import and_, select
 from sqlalchemy.orm import Session, aliased
 
 from app.services.attention import GOOD_SIDE
-from app.storage.tables import QueryRow, Response, SessionRow, Trial
+from app.storage.tables import QueryRow, Response, SessionRow, Trial, UndoneResponse
 from app.study.checks import Kind
 from app.study.plan import Plan
 
@@ -24,6 +24,7 @@ from .columns import (
     fetch,
     integer,
     moment,
+    number,
     of_sessions,
     recording_names,
     text,
@@ -144,4 +145,46 @@ CHECKS = Table(
     "Repeats and attention checks, and whether they were passed.",
     _checks_columns,
     _checks_rows,
+)
+
+
+def _undone_columns(_plan: Plan) -> tuple[Column, ...]:
+    return (
+        SESSION,
+        TRIAL,
+        QUERY,
+        text("response", "What was pressed: left, right, skip."),
+        text("skip_reason", "Reason given for a skip, where the study asks for one."),
+        number("rt", "Time from both videos having begun to play to the response.", "ms"),
+        moment("answered_at", "When the server stored the response."),
+        moment("undone_at", "When it was taken back."),
+    )
+
+
+def _undone_rows(session: Session, request: Request) -> Iterator[Row]:
+    statement = of_sessions(
+        select(SessionRow.public_id, Trial.trial_index, QueryRow.query_index, UndoneResponse)
+        .join(QueryRow, UndoneResponse.query_id == QueryRow.id)
+        .join(Trial, QueryRow.trial_id == Trial.id)
+        .join(SessionRow, Trial.session_id == SessionRow.id),
+        request,
+    ).order_by(SessionRow.id, Trial.trial_index, QueryRow.query_index, UndoneResponse.id)
+    for public_id, trial_index, query_index, undone in fetch(session, statement):
+        yield (
+            public_id,
+            trial_index,
+            query_index,
+            undone.response,
+            undone.skip_reason,
+            undone.rt_ms,
+            undone.answered_at,
+            undone.undone_at,
+        )
+
+
+UNDONE = Table(
+    "undone",
+    "Responses that were taken back at once: kept for the record, never learnt from.",
+    _undone_columns,
+    _undone_rows,
 )

@@ -10,7 +10,7 @@ from app.study.plan import Plan
 
 from .answers import ACQUIRED, EVENTS, PREFERENCES, QUERIES
 from .columns import Column, Request, Row, Table, text
-from .evidence import CHECKS, FAULTS
+from .evidence import CHECKS, FAULTS, UNDONE
 from .people import DELETIONS, IDENTITIES, PARTICIPANTS, QUESTIONNAIRES, SESSIONS
 from .playback import PLAYBACK
 from .stimuli import RECORDINGS
@@ -54,6 +54,7 @@ ZIPPED = (
     EVENTS,
     PLAYBACK,
     CHECKS,
+    UNDONE,
     FAULTS,
     RECORDINGS,
     DATA_DICTIONARY,

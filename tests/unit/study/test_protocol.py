@@ -27,7 +27,7 @@ from app.study import (
     advance,
     position,
 )
-from app.study.protocol import FINAL_STAGES
+from app.study.protocol import FINAL_STAGES, Undone
 
 NOON = datetime(2025, 3, 14, 12, 0, tzinfo=UTC)
 AGREED = Consented("v1", "v1")
@@ -105,6 +105,18 @@ def test_no_break_follows_the_last_trial(build_plan: Callable[..., Plan]) -> Non
     only = [{"name": "a", "method": "knockout", "environment": "kitchen"}]
     plan = build_plan(conditions=only, break_s=60, familiarisation={"videos": 1})
     assert went(plan, *first_trial()) == Progress(Stage.DEBRIEF, trial_index=1)
+
+
+def test_the_response_just_before_can_be_taken_back_within_its_trial(plan: Plan) -> None:
+    second = went(plan, AGREED, Continued(NOON), Continued(NOON), Responded(0, NOON))
+    assert second == Progress(Stage.QUERY, query_index=1)
+    first = advance(plan, second, Undone(0))
+    assert first == Progress(Stage.QUERY)
+    for progress, undone in ((first, Undone(-1)), (second, Undone(1)), (first, Undone(0))):
+        with pytest.raises(OutOfOrder):
+            advance(plan, progress, undone)
+    with pytest.raises(OutOfOrder):
+        advance(plan, went(plan, *first_trial()), Undone(2))
 
 
 # Consent
@@ -242,6 +254,7 @@ events_at_random = st.lists(
         st.builds(Answered, times),
         st.builds(Continued, times),
         st.builds(Responded, st.integers(-1, 4), times),
+        st.builds(Undone, st.integers(-1, 4)),
         st.builds(ScreenedOut),
         st.builds(Withdrew),
     ),
@@ -352,6 +365,7 @@ def test_there_is_no_event_that_the_tests_leave_out() -> None:
         Consented,
         Continued,
         Responded,
+        Undone,
         Answered,
         ScreenedOut,
         Withdrew,

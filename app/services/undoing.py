@@ -1,0 +1,91 @@
+"""Taking a response back, for some seconds after it was given.
+
+What was pressed is kept, marked as taken back; what it taught is gone, and so is the query that
+followed from it. The session is back at its query.
+"""
+
+from __future__ import annotations
+
+from datetime import datetime, timedelta
+
+from sqlalchemy import delete, select
+from sqlalchemy.orm import Session
+
+from app.storage.tables import Acquired, PreferenceRow, QueryRow, UndoneResponse
+from app.study import protocol
+from app.study.protocol import Stage
+
+from . import queries, sessions
+from . import state as session_state
+from .errors import TooLateToUndoError
+from .state import State
+from .studies import stored_plan
+from .studio import Studio
+
+#: The page counts from when the state arrived there: this much later it may still ask.
+GRACE = timedelta(seconds=3)
+
+
+def undo(studio: Studio, token: str, query_id: str) -> State:
+    """Take back the response to this query. The same again changes nothing.
+
+    Raises TooLateToUndoError, or OutOfOrder once the trial or the session has moved on.
+    """
+    with studio.database.write() as session:
+        row = sessions.find(studio, session, token, to_write=True)
+        query = queries.find(session, row, query_id)
+        if query.response is None:
+            if _was_undone(session, query):
+                return session_state.describe(studio, session, row)
+            raise TooLateToUndoError("expected an answered query, got an open one", row.stage)
+        now = studio.now()
+        offered = timedelta(seconds=stored_plan(row.plan).query.undo_s)
+        following = None
+        if query.trial.trial_index == row.trial_index and row.stage == Stage.QUERY:
+            following = _last_and_untouched(session, query)
+        if not offered or following is None or now > query.response.answered_at + offered + GRACE:
+            raise TooLateToUndoError(
+                f"expected a response of the last {offered.seconds} s of this trial", row.stage
+            )
+        sessions.advance(studio, row, protocol.Undone(query_index=query.query_index))
+        _take_back(session, query, now)
+        session.delete(following)
+        queries.close_events(session, row, query, "undone")
+        session.flush()
+        return session_state.describe(studio, session, row)
+
+
+def _take_back(session: Session, query: QueryRow, now: datetime) -> None:
+    assert query.response is not None
+    session.add(
+        UndoneResponse(
+            query_id=query.id,
+            response=query.response.response,
+            skip_reason=query.response.skip_reason,
+            rt_ms=query.response.rt_ms,
+            answered_at=query.response.answered_at,
+            undone_at=now,
+        )
+    )
+    query.response = None
+    for taught in (PreferenceRow, Acquired):
+        session.execute(
+            delete(taught).where(
+                taught.trial_id == query.trial_id, taught.query_index == query.query_index
+            )
+        )
+
+
+def _last_and_untouched(session: Session, query: QueryRow) -> QueryRow | None:
+    """The query after this one, if nothing has happened to it yet."""
+    after = session.scalars(
+        select(QueryRow).where(
+            QueryRow.trial_id == query.trial_id, QueryRow.query_index > query.query_index
+        )
+    ).all()
+    return after[0] if len(after) == 1 and after[0].response is None else None
+
+
+def _was_undone(session: Session, query: QueryRow) -> bool:
+    found = select(UndoneResponse.id).where(UndoneResponse.query_id == query.id).limit(1)
+    return session.scalar(found) is not None

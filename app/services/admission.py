@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta
+from typing import Any
 
 import numpy as np
 from sqlalchemy import select
@@ -40,7 +41,7 @@ class Entrance:
     language: str
     languages: Sequence[str]
     welcome: str | None
-    consent: Mapping[str, str]
+    consent: Mapping[str, Any]
     trials: int
     queries: int
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import lru_cache
+from typing import Any
 
 from sqlalchemy import select
 from sqlalchemy.orm import Session, object_session
@@ -21,7 +22,7 @@ def _rendered(markdown: str) -> str:
     return texts.render(markdown)
 
 
-def text(written: Mapping[str, str]) -> dict[str, str]:
+def text(written: Mapping[str, str]) -> dict[str, Any]:
     """The consent of one language, with the version that an agreement has to name."""
     markdown = written["consent"]
     return {"version": texts.consent_version(markdown), "html": _rendered(markdown)}

@@ -48,14 +48,13 @@ def describe(studio: Studio, session: Session, row: SessionRow) -> State:
     if changed is not None:
         # Agreed to another text: asked again, and nothing else until then.
         state["stage"] = Stage.CONSENT.value
-        state["consent"] = {
-            **consents.text(changed.texts[row.language]),
-            "again": progress.stage is not Stage.CONSENT,
-        }
+        state["consent"] = consents.text(changed.texts[row.language])
+        if progress.stage is not Stage.CONSENT:
+            state["consent"]["again"] = True
         return state
     match progress.stage:
         case Stage.CONSENT:
-            state["consent"] = {**consents.text(written), "again": False}
+            state["consent"] = consents.text(written)
         case Stage.DEVICE_CHECK:
             state["device_check"] = _device_check(studio, row, plan)
         case Stage.INSTRUCTIONS:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from playwright.sync_api import Page, expect
 
 #: A pair may have to be rendered first, on a busy machine.
-FIRST_FRAME_MS = 60_000
+FIRST_FRAME_MS = 120_000
 
 BOTH_PLAY = """() => {
     const videos = ["video-left", "video-right"].map(

@@ -23,6 +23,9 @@ const RETRY_S = [1, 2, 4, 8, 15];
 /** Seconds without a byte after which a loading video counts as failed. */
 const SILENCE_S = 10;
 
+/** The same before the first byte: a server may have to make the video, and a busy one takes its time. */
+const MAKING_S = 40;
+
 /** A hiccup shorter than this is not worth a word. */
 const STALL_MS = 200;
 
@@ -180,7 +183,8 @@ export class Clip {
       return;
     }
     const turn = this.#turn;
-    this.#watchdog = setTimeout(() => turn === this.#turn && !this.isReady && this.#fail(), SILENCE_S * 1000);
+    const patience = this.video.readyState === HTMLMediaElement.HAVE_NOTHING ? MAKING_S : SILENCE_S;
+    this.#watchdog = setTimeout(() => turn === this.#turn && !this.isReady && this.#fail(), patience * 1000);
   }
 
   #failIfCurrent() {

@@ -27,7 +27,13 @@ class Served:
         words = [str(PBPO), command, "--port", "0", "--data-dir", str(data_dir)]
         with self._output.open("w") as output:
             self._process = subprocess.Popen(
-                words, stdout=output, stderr=subprocess.STDOUT, env=environment
+                words,
+                stdout=output,
+                stderr=subprocess.STDOUT,
+                env=environment,
+                # As a terminal would: tests that run in the background were told to ignore Ctrl+C,
+                # and whoever they start would be too.
+                preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # noqa: PLW1509
             )
         self.url = self._first_address()
 

@@ -15,14 +15,16 @@ from app.services.settings import Settings
 from app.services.studio import Studio, open_studio
 from app.web import (
     api,
-    experimenter_pages,
+    desk,
     exports,
     leaving_pages,
     media,
     participant_pages,
     problems,
     security,
+    sign_in_pages,
     stage_pages,
+    study_pages,
 )
 from app.web.templating import STATIC
 
@@ -70,7 +72,7 @@ def create_app(
     app.state.studio = opened
     problems.install(app)
     app.add_middleware(security.Guard)
-    app.add_exception_handler(experimenter_pages.ToSignIn, _to_sign_in)
+    app.add_exception_handler(desk.ToSignIn, _to_sign_in)
     app.mount("/static", KeptStaticFiles(directory=STATIC), name="static")
     for module in (
         api,
@@ -79,12 +81,13 @@ def create_app(
         participant_pages,
         stage_pages,
         leaving_pages,
-        experimenter_pages,
+        sign_in_pages,
+        study_pages,
     ):
         app.include_router(module.router)
     return app
 
 
 async def _to_sign_in(_request: Request, error: Exception) -> Response:
-    assert isinstance(error, experimenter_pages.ToSignIn)
+    assert isinstance(error, desk.ToSignIn)
     return RedirectResponse(error.location, status_code=303)

@@ -146,5 +146,5 @@ def _token(studio: Studio) -> str:
     try:
         experimenter = accounts.find(studio, EMAIL)
     except NotFoundError:
-        experimenter = accounts.create(studio, EMAIL, new_secret())
-    return accounts.create_api_token(studio, experimenter, "simulation")
+        experimenter = accounts.create(studio, EMAIL, new_secret(), accounts.Role.ADMIN)
+    return accounts.create_api_token(studio, experimenter, "simulation", lasts=timedelta(days=1))

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from datetime import timedelta
+from enum import StrEnum
 from functools import cache
 from typing import TypeVar
 
 from argon2 import PasswordHasher
 from argon2.exceptions import VerificationError
-from sqlalchemy import delete, select
+from sqlalchemy import delete, func, select
 from sqlalchemy.orm import Session
 
 from app.storage.accounts import Account, ApiToken, SignIn
@@ -29,16 +30,36 @@ Token = TypeVar("Token", SignIn, ApiToken)
 _hasher = PasswordHasher()
 
 
+class Role(StrEnum):
+    """What an account is for; `access` says what each may do."""
+
+    ADMIN = "admin"
+    EXPERIMENTER = "experimenter"
+    REVIEWER = "reviewer"
+
+
+class Scope(StrEnum):
+    """What an API token may do: look and export, or all that its account may."""
+
+    READ = "read"
+    WRITE = "write"
+
+
 @dataclass(frozen=True)
 class Experimenter:
-    """Somebody who is signed in."""
+    """Somebody who is signed in, or whose API token was given."""
 
     account_id: int
     email: str
+    role: Role
+    scope: Scope = Scope.WRITE
 
 
-def create(studio: Studio, email: str, password: str) -> Experimenter:
-    """A new account. Raises ConflictError if the address has one or the password is too short."""
+def create(studio: Studio, email: str, password: str, role: Role | None = None) -> Experimenter:
+    """A new account; the first is an admin's unless said otherwise, the others experimenters'.
+
+    Raises ConflictError if the address has an account or the password is too short.
+    """
     email = _normal(email)
     if "@" not in email.strip("@"):
         raise ConflictError(f"expected an e-mail address, got {email!r}")
@@ -46,10 +67,15 @@ def create(studio: Studio, email: str, password: str) -> Experimenter:
     with studio.database.write() as session:
         if _account(session, email) is not None:
             raise ConflictError(f"expected a new address, and {email!r} has an account")
-        account = Account(email=email, password_hash=hashed, created_at=studio.now())
+        if role is None:
+            is_first = not session.scalar(select(func.count(Account.id)))
+            role = Role.ADMIN if is_first else Role.EXPERIMENTER
+        account = Account(
+            email=email, password_hash=hashed, role=role.value, created_at=studio.now()
+        )
         session.add(account)
         session.flush()
-        return Experimenter(account.id, account.email)
+        return _experimenter(account)
 
 
 def set_password(studio: Studio, email: str, password: str) -> None:
@@ -68,7 +94,7 @@ def find(studio: Studio, email: str) -> Experimenter:
         account = _account(session, _normal(email))
     if account is None:
         raise NotFoundError(f"there is no account of {email!r}")
-    return Experimenter(account.id, account.email)
+    return _experimenter(account)
 
 
 def sign_in(studio: Studio, email: str, password: str) -> str:
@@ -79,7 +105,7 @@ def sign_in(studio: Studio, email: str, password: str) -> str:
         _hasher.verify(_nobodys_hash() if account is None else account.password_hash, password)
     except VerificationError:
         account = None
-    if account is None:
+    if account is None or account.disabled_at is not None:
         raise SignInRequiredError("that address and password do not belong together")
     token = new_secret()
     with studio.database.write() as session:
@@ -101,7 +127,13 @@ def sign_out(studio: Studio, token: str) -> None:
         session.execute(delete(SignIn).where(SignIn.token_hash == secret_hash(token)))
 
 
-def create_api_token(studio: Studio, experimenter: Experimenter, label: str) -> str:
+def create_api_token(
+    studio: Studio,
+    experimenter: Experimenter,
+    label: str,
+    scope: Scope = Scope.WRITE,
+    lasts: timedelta = API_TOKEN_LASTS,
+) -> str:
     """A token for programs, shown this once."""
     token = new_secret()
     with studio.database.write() as session:
@@ -110,9 +142,10 @@ def create_api_token(studio: Studio, experimenter: Experimenter, label: str) -> 
             ApiToken(
                 account_id=experimenter.account_id,
                 label=label,
+                scope=scope.value,
                 token_hash=secret_hash(token),
                 created_at=now,
-                expires_at=now + API_TOKEN_LASTS,
+                expires_at=now + lasts,
             )
         )
     return token
@@ -134,7 +167,14 @@ def _by_token(studio: Studio, table: type[Token], token: str) -> Experimenter:
         row: Token | None = session.scalar(statement)
         if row is None or studio.now() >= row.expires_at:
             raise SignInRequiredError("expected a token that is in force, got another")
-        return Experimenter(row.account_id, row.account.email)
+        if row.account.disabled_at is not None:
+            raise SignInRequiredError("this account is closed")
+        scope = Scope(row.scope) if isinstance(row, ApiToken) else Scope.WRITE
+        return _experimenter(row.account, scope)
+
+
+def _experimenter(account: Account, scope: Scope = Scope.WRITE) -> Experimenter:
+    return Experimenter(account.id, account.email, Role(account.role), scope)
 
 
 def _account(session: Session, email: str) -> Account | None:

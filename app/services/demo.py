@@ -45,7 +45,7 @@ def prepare(studio: Studio, base_url: str) -> Access:
         if not kept.get("password"):
             accounts.set_password(studio, EMAIL, password)
     except NotFoundError:
-        experimenter = accounts.create(studio, EMAIL, password)
+        experimenter = accounts.create(studio, EMAIL, password, accounts.Role.ADMIN)
     token = kept.get("api_token", "")
     try:
         accounts.by_api_token(studio, token)

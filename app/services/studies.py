@@ -14,6 +14,7 @@ from app.crane import environments as crane_environments
 from app.crane import library
 from app.crane.dynamics import DURATION_S
 from app.pbbo import Settings as OptimizerSettings
+from app.storage.accounts import StudyAccess
 from app.storage.tables import Candidate, PlanVersion, Recording, Study
 from app.study import folder as study_folder
 from app.study.plan import Plan, plan_hash
@@ -26,6 +27,10 @@ from .tokens import new_public_id
 DRAFT = "draft"
 OPEN = "open"
 CLOSED = "closed"
+
+#: Whose a study is, and whom it is shared with.
+OWNER = "owner"
+SHARED = "shared"
 
 #: Plans by their hash: parsing one takes longer than a response may.
 _PLANS: dict[str, Plan] = {}
@@ -69,8 +74,13 @@ def load_folder(name_or_path: str) -> study_folder.StudyFolder:
     )
 
 
-def create(studio: Studio, folder: study_folder.StudyFolder) -> StudyInfo:
+def create(
+    studio: Studio, folder: study_folder.StudyFolder, owner_id: int | None = None
+) -> StudyInfo:
     """Store a study as a draft, in the place of an earlier draft of its name.
+
+    owner_id: the account whose study it will be; None leaves it to the admins. An earlier draft
+    hands its owner, and whom it was shared with, on.
 
     Raises ConflictError if a study of that name is open or was: its plan holds for good.
     """
@@ -79,7 +89,9 @@ def create(studio: Studio, folder: study_folder.StudyFolder) -> StudyInfo:
     places = list(_candidates(studio, folder))
     with studio.database.write() as session:
         earlier = session.scalar(select(Study).where(Study.slug == plan.slug))
+        ties = {} if owner_id is None else {owner_id: OWNER}
         if earlier is not None:
+            ties = _ties(session, earlier.id) or ties
             _delete_draft(session, earlier)
         now = studio.now()
         study = Study(slug=plan.slug, status=DRAFT, created_at=now)
@@ -96,8 +108,20 @@ def create(studio: Studio, folder: study_folder.StudyFolder) -> StudyInfo:
         for candidate in places:
             candidate.study_id = study.id
         session.add_all(places)
+        session.add_all(
+            StudyAccess(study_id=study.id, account_id=account_id, access=tie, created_at=now)
+            for account_id, tie in ties.items()
+        )
         session.flush()
         return _info(study, version)
+
+
+def _ties(session: Session, study_id: int) -> dict[int, str]:
+    """Whose a study is and whom it is shared with, by account."""
+    rows = session.execute(
+        select(StudyAccess.account_id, StudyAccess.access).where(StudyAccess.study_id == study_id)
+    )
+    return {account_id: access for account_id, access in rows}
 
 
 def find(studio: Studio, slug: str) -> StudyInfo:

@@ -36,10 +36,16 @@ NAMING = {
 
 class Base(DeclarativeBase):
     metadata = MetaData(naming_convention=NAMING)
-    type_annotation_map: ClassVar = {datetime: UtcDateTime, dict[str, Any]: JSON, list[int]: JSON}
+    type_annotation_map: ClassVar = {
+        datetime: UtcDateTime,
+        dict[str, Any]: JSON,
+        list[int]: JSON,
+        list[str]: JSON,
+    }
 
 
-def _one_of(column: str, *values: str) -> CheckConstraint:
+def one_of(column: str, *values: str) -> CheckConstraint:
+    """The column holds one of these values (or NULL, where it may)."""
     allowed = ", ".join(f"'{value}'" for value in values)
     return CheckConstraint(f"{column} IN ({allowed})", name=column)
 
@@ -49,7 +55,7 @@ class Study(Base):
 
     __tablename__ = "studies"
     __table_args__ = (
-        _one_of("status", "draft", "open", "closed"),
+        one_of("status", "draft", "open", "closed"),
         # An id never comes again: servers remember a study's candidates by it.
         {"sqlite_autoincrement": True},
     )
@@ -60,6 +66,10 @@ class Study(Base):
     created_at: Mapped[datetime]
     opened_at: Mapped[datetime | None]
     closed_at: Mapped[datetime | None]
+    # Since when an open study lets nobody in for a while.
+    paused_at: Mapped[datetime | None]
+    # Names of conditions that new sessions are not given any more.
+    conditions_off: Mapped[list[str]] = mapped_column(default=list, server_default="[]")
 
     plans: Mapped[list[PlanVersion]] = relationship(
         back_populates="study", order_by="PlanVersion.version", cascade="all, delete-orphan"
@@ -106,7 +116,7 @@ class Recording(Base):
     __tablename__ = "recordings"
     __table_args__ = (
         UniqueConstraint("candidate_id", "run_index"),
-        _one_of("source", "file", "crane"),
+        one_of("source", "file", "crane"),
     )
 
     id: Mapped[int] = mapped_column(primary_key=True)
@@ -153,8 +163,8 @@ class SessionRow(Base):
 
     __tablename__ = "sessions"
     __table_args__ = (
-        _one_of("mode", "live", "preview", "simulated"),
-        _one_of(
+        one_of("mode", "live", "preview", "simulated"),
+        one_of(
             "stage",
             "consent",
             "device_check",
@@ -283,7 +293,7 @@ class Response(Base):
 
     __tablename__ = "responses"
     __table_args__ = (
-        _one_of("response", "left", "right", "skip"),
+        one_of("response", "left", "right", "skip"),
         CheckConstraint("rt_ms IS NULL OR rt_ms >= 0", name="rt"),
     )
 
@@ -301,7 +311,7 @@ class UndoneResponse(Base):
     """A response that its evaluator took back at once: kept for the record, never learnt from."""
 
     __tablename__ = "undone_responses"
-    __table_args__ = (_one_of("response", "left", "right", "skip"),)
+    __table_args__ = (one_of("response", "left", "right", "skip"),)
 
     id: Mapped[int] = mapped_column(primary_key=True)
     query_id: Mapped[int] = mapped_column(ForeignKey("queries.id", ondelete="CASCADE"), index=True)
@@ -318,7 +328,7 @@ class PreferenceRow(Base):
     __tablename__ = "preferences"
     __table_args__ = (
         UniqueConstraint("trial_id", "preference_index"),
-        _one_of("origin", "answer", "synthesis"),
+        one_of("origin", "answer", "synthesis"),
         CheckConstraint("winner <> loser", name="two_candidates"),
     )
 

@@ -6,7 +6,8 @@ from typing import Any
 
 from fastapi import APIRouter, Response
 
-from app.services import admission, answers, participation, questionnaires, withdrawal
+from app.services import access, admission, answers, participation, questionnaires, withdrawal
+from app.services.access import Right
 from app.services.answers import Answer, FaultReport
 from app.services.queries import Happening
 from app.services.tokens import receipt_code
@@ -53,7 +54,7 @@ def start_session(
         external_ids=body.external_ids,
         mode=body.mode,
         language=body.language,
-        by_experimenter=caller is not None,
+        by_experimenter=caller is not None and access.may(studio, caller, slug, Right.CHANGE),
         entry=body.entry,
     )
     return {"token": token, "receipt": receipt_code(token), "session": state}

@@ -7,7 +7,8 @@ from typing import Annotated, Literal
 from fastapi import APIRouter, Query
 from fastapi.responses import StreamingResponse
 
-from app.services import studies
+from app.services import access
+from app.services.access import Right
 from app.services.errors import NotFoundError
 from app.services.export import TABLES, ZIPPED, Request, csv_stream, zip_stream
 from app.services.results import MODES
@@ -23,12 +24,12 @@ ModeQuery = Annotated[
 ]
 
 
-@router.get("/export.zip", response_class=StreamingResponse, responses=refusals(401, 404, 422))
+@router.get("/export.zip", response_class=StreamingResponse, responses=refusals(401, 403, 404, 422))
 def export_zip(
-    slug: str, studio: StudioDep, _caller: ExperimenterDep, mode: ModeQuery = None
+    slug: str, studio: StudioDep, caller: ExperimenterDep, mode: ModeQuery = None
 ) -> StreamingResponse:
     """Every table but the identities, in one zip."""
-    request = Request(studies.find(studio, slug), modes_of(mode))
+    request = Request(access.study_for(studio, caller, slug, Right.DATA), modes_of(mode))
     return StreamingResponse(
         zip_stream(studio, ZIPPED, request),
         media_type="application/zip",
@@ -37,13 +38,13 @@ def export_zip(
 
 
 @router.get(
-    "/export/{table}.csv", response_class=StreamingResponse, responses=refusals(401, 404, 422)
+    "/export/{table}.csv", response_class=StreamingResponse, responses=refusals(401, 403, 404, 422)
 )
 def export_table(
-    slug: str, table: str, studio: StudioDep, _caller: ExperimenterDep, mode: ModeQuery = None
+    slug: str, table: str, studio: StudioDep, caller: ExperimenterDep, mode: ModeQuery = None
 ) -> StreamingResponse:
     """One table as CSV."""
-    request = Request(studies.find(studio, slug), modes_of(mode))
+    request = Request(access.study_for(studio, caller, slug, Right.DATA), modes_of(mode))
     if table not in TABLES:
         raise NotFoundError(f"expected one of {', '.join(TABLES)}, got {table!r}")
     return StreamingResponse(

@@ -1,0 +1,103 @@
+"""Who may do what with a study: roles, ownership and sharing, checked in one place.
+
+An admin may do everything. An experimenter may do everything with studies of their own, and all but
+share and delete with those shared with them; other people's do not exist for them. A reviewer
+reads every study's design, and no data.
+"""
+
+from __future__ import annotations
+
+from enum import StrEnum
+
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from app.storage.accounts import StudyAccess
+
+from . import studies
+from .accounts import Experimenter, Role, Scope
+from .errors import ForbiddenError, NotFoundError
+from .studio import Studio
+
+
+class Right(StrEnum):
+    """What may be done with a study."""
+
+    DESIGN = "see the design of"
+    DATA = "see the data of"
+    CHANGE = "change"
+    OWN = "share or delete"
+
+
+#: What each kind of tie to a study allows.
+_ALLOWS: dict[str, frozenset[Right]] = {
+    Role.ADMIN: frozenset(Right),
+    Role.REVIEWER: frozenset({Right.DESIGN}),
+    studies.OWNER: frozenset(Right),
+    studies.SHARED: frozenset({Right.DESIGN, Right.DATA, Right.CHANGE}),
+}
+
+
+def study_for(studio: Studio, caller: Experimenter, slug: str, right: Right) -> studies.StudyInfo:
+    """The study, if the caller has this right.
+
+    Raises NotFoundError if it does not exist for the caller, ForbiddenError if it does.
+    """
+    with studio.database.read() as session:
+        info = studies.read(session, slug)
+        held = _held(session, caller, info.id)
+    if not held:
+        raise NotFoundError(f"there is no study named {slug!r}")
+    if right not in held:
+        raise ForbiddenError(f"{caller.email} ({caller.role.value}) may not {right.value} {slug!r}")
+    _check_scope(caller, right)
+    return info
+
+
+def studies_for(studio: Studio, caller: Experimenter) -> list[studies.StudyInfo]:
+    """Every study that exists for the caller, the newest first."""
+    with studio.database.read() as session:
+        mine = set(
+            session.scalars(
+                select(StudyAccess.study_id).where(StudyAccess.account_id == caller.account_id)
+            )
+        )
+    everything = caller.role in (Role.ADMIN, Role.REVIEWER)
+    return [info for info in studies.all_studies(studio) if everything or info.id in mine]
+
+
+def may(studio: Studio, caller: Experimenter, slug: str, right: Right) -> bool:
+    """Whether the caller has this right to the study, with what they show."""
+    try:
+        study_for(studio, caller, slug, right)
+    except (NotFoundError, ForbiddenError):
+        return False
+    return True
+
+
+def rights(studio: Studio, caller: Experimenter, slug: str) -> frozenset[Right]:
+    """All that the caller may do with this study: for pages that show only what can be done."""
+    with studio.database.read() as session:
+        return _held(session, caller, studies.read(session, slug).id)
+
+
+def may_make_studies(caller: Experimenter) -> bool:
+    """Whether the caller may set studies up."""
+    return caller.role is not Role.REVIEWER and caller.scope is Scope.WRITE
+
+
+def _held(session: Session, caller: Experimenter, study_id: int) -> frozenset[Right]:
+    by_role = _ALLOWS.get(caller.role, frozenset())
+    tie = session.scalar(
+        select(StudyAccess.access).where(
+            StudyAccess.study_id == study_id, StudyAccess.account_id == caller.account_id
+        )
+    )
+    if tie is None or caller.role is Role.REVIEWER:
+        return by_role
+    return by_role | _ALLOWS[tie]
+
+
+def _check_scope(caller: Experimenter, right: Right) -> None:
+    if right in (Right.CHANGE, Right.OWN) and caller.scope is not Scope.WRITE:
+        raise ForbiddenError("expected an API token of the scope write, and this one may only read")

@@ -1,0 +1,117 @@
+"""The list of studies, and the page of one: how it stands, and what can be done with it."""
+
+from __future__ import annotations
+
+from fastapi import APIRouter, Request
+from fastapi.responses import RedirectResponse, Response
+
+from app.services import access, admission, entry_links, results, studies
+from app.services.export import TABLES
+from app.services.state import ENDED
+
+from .desk import ChangeOf, DataOf, OwnForm, SignedIn, desk_page
+from .security import StudioDep, session_cookie, set_cookie
+
+router = APIRouter(include_in_schema=False)
+
+_MODES = ("live", "preview", "simulated", "all")
+
+
+@router.get("/studies")
+def all_studies(request: Request, studio: StudioDep, caller: SignedIn) -> Response:
+    counts = results.counts(studio)
+    nobody = results.Counts()
+    lines = [
+        {
+            "slug": study.slug,
+            "title": study.plan.text(study.plan.title, study.plan.default_language),
+            "status": study.status,
+            "sessions_live": counts.get((study.slug, "live"), nobody).total,
+            "completed_live": counts.get((study.slug, "live"), nobody).completed,
+            "created_at": study.created_at,
+            "plan_hash": study.plan_hash,
+        }
+        for study in access.studies_for(studio, caller)
+    ]
+    return desk_page(request, caller, "experimenter/studies.html", "Studies", studies=lines)
+
+
+@router.get("/studies/{slug}")
+def one_study(
+    study: DataOf, request: Request, studio: StudioDep, caller: SignedIn, mode: str = "live"
+) -> Response:
+    mode = mode if mode in _MODES else "live"
+    slug, plan = study.slug, study.plan
+    language = plan.default_language
+    title = plan.text(plan.title, language)
+    lines = results.sessions(studio, slug, None if mode == "all" else mode)
+    stages = [line.stage for line in lines]
+    ended = {stage: stages.count(stage) for stage in ENDED}
+    export = f"/api/v1/studies/{slug}/export"
+    return desk_page(
+        request,
+        caller,
+        "experimenter/study.html",
+        title,
+        study={
+            "slug": slug,
+            "title": title,
+            "status": study.status,
+            "plan_hash": study.plan_hash,
+            "plan_version": study.plan_version,
+            "participant_url": f"{str(request.base_url).rstrip('/')}/s/{slug}",
+            "links": entry_links.counts(studio, study.id) if entry_links.wanted(plan) else None,
+            "conditions": [
+                {
+                    "name": condition.name,
+                    "method": condition.method,
+                    "environment": condition.environment,
+                    "skip_label": condition.skip and plan.text(condition.skip.label, language),
+                }
+                for condition in plan.conditions
+            ],
+            "queries_per_trial": plan.queries_per_trial,
+            "trials": plan.trials,
+            "created_at": study.created_at,
+            "opened_at": study.opened_at,
+            "closed_at": study.closed_at,
+            "payload_mb": results.payload_mb(studio, study),
+        },
+        counts={
+            "active": len(lines) - sum(ended.values()),
+            **ended,
+            "deleted": results.deleted(studio, slug, None if mode == "all" else mode),
+        },
+        sessions=lines,
+        tables=[
+            {
+                "name": table.name,
+                "description": table.description,
+                "url": f"{export}/{table.name}.csv?mode={mode}",
+            }
+            for table in TABLES.values()
+        ],
+        zip_url=f"{export}.zip?mode={mode}",
+        mode=mode,
+    )
+
+
+@router.post("/studies/{slug}/open", dependencies=[OwnForm])
+def open_study(study: ChangeOf, studio: StudioDep) -> Response:
+    studies.open_study(studio, study.slug)
+    return RedirectResponse(f"/studies/{study.slug}", status_code=303)
+
+
+@router.post("/studies/{slug}/preview", dependencies=[OwnForm])
+def preview(study: ChangeOf, studio: StudioDep) -> Response:
+    """Go through the study as an evaluator would; its data is marked, and left out of results."""
+    token, _ = admission.start(studio, study.slug, mode=admission.PREVIEW, by_experimenter=True)
+    response = RedirectResponse(f"/s/{study.slug}", status_code=303)
+    set_cookie(response, studio, session_cookie(study.slug), token)
+    return response
+
+
+@router.post("/studies/{slug}/close", dependencies=[OwnForm])
+def close_study(study: ChangeOf, studio: StudioDep) -> Response:
+    studies.close_study(studio, study.slug)
+    return RedirectResponse(f"/studies/{study.slug}", status_code=303)

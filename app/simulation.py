@@ -17,14 +17,15 @@ from sqlalchemy import select
 from app.lab.evaluators import Certain, Evaluator, Uncertain
 from app.lab.walk import walk
 from app.main import create_app
-from app.services import accounts, studies
+from app.services import studies
+from app.services.accounts import Experimenter, Role
 from app.services.background import Background
-from app.services.errors import ConflictError, NotFoundError
+from app.services.errors import ConflictError
 from app.services.query_state import video_url
 from app.services.settings import Settings
 from app.services.studio import Studio, open_studio, utc_now
-from app.services.tokens import new_secret
 from app.storage.tables import Candidate, Recording
+from app.web.security import optional_experimenter
 
 T = TypeVar("T")
 
@@ -34,8 +35,8 @@ ETA_PER_SPREAD = 0.08 * 23.4
 #: Nobody takes longer: simulated sessions begin so long before now.
 LONGEST_SESSION = timedelta(hours=6)
 
-#: The account that simulated sessions are started by; its password is thrown away.
-EMAIL = "simulation@pbpo.example"
+#: Who starts simulated sessions: whoever runs the command may do everything, account or not.
+SIMULATOR = Experimenter(0, "simulation", Role.ADMIN)
 
 
 class SkippedClock:
@@ -108,8 +109,9 @@ async def _run(
     values = np.array(list(scores.values()))
     skip_below = float(values.mean())
     eta = ETA_PER_SPREAD / max(float(values.std()), 1e-12) if eta is None else eta
-    token = _token(studio)
-    transport = httpx.ASGITransport(create_app(studio=studio))
+    application = create_app(studio=studio)
+    application.dependency_overrides[optional_experimenter] = lambda: SIMULATOR
+    transport = httpx.ASGITransport(application)
     completed = 0
     async with httpx.AsyncClient(transport=transport, base_url="http://simulation") as client:
         for index in track(range(sessions), "simulating", transient=True):
@@ -119,7 +121,7 @@ async def _run(
                 Certain(skip_below) if kind == "certain" else Uncertain(rng, skip_below, eta)
             )
             state = await walk(
-                client, slug, evaluator, scores, mode="simulated", api_token=token, wait=clock.wait
+                client, slug, evaluator, scores, mode="simulated", api_token="", wait=clock.wait
             )
             completed += state["stage"] == "completed"
     return Simulated(completed, skip_below, eta if kind == "uncertain" else None)
@@ -140,11 +142,3 @@ def scores_by_url(studio: Studio, slug: str) -> dict[str, float]:
             "expected a score for every recording, since simulated evaluators answer from them"
         )
     return scores
-
-
-def _token(studio: Studio) -> str:
-    try:
-        experimenter = accounts.find(studio, EMAIL)
-    except NotFoundError:
-        experimenter = accounts.create(studio, EMAIL, new_secret(), accounts.Role.ADMIN)
-    return accounts.create_api_token(studio, experimenter, "simulation", lasts=timedelta(days=1))

@@ -118,10 +118,8 @@ def create(
 
 def _ties(session: Session, study_id: int) -> dict[int, str]:
     """Whose a study is and whom it is shared with, by account."""
-    rows = session.execute(
-        select(StudyAccess.account_id, StudyAccess.access).where(StudyAccess.study_id == study_id)
-    )
-    return {account_id: access for account_id, access in rows}
+    ties = session.scalars(select(StudyAccess).where(StudyAccess.study_id == study_id))
+    return {tie.account_id: tie.access for tie in ties}
 
 
 def find(studio: Studio, slug: str) -> StudyInfo:

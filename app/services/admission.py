@@ -23,7 +23,15 @@ from . import state as session_state
 from .errors import ForbiddenError, SignInRequiredError, StudyNotOpenError
 from .state import State
 from .studio import Studio
-from .tokens import new_pseudonym, new_secret, receipt_code, receipt_hash, secret_hash
+from .tokens import (
+    arrival_token,
+    is_secret,
+    new_pseudonym,
+    new_secret,
+    receipt_code,
+    receipt_hash,
+    secret_hash,
+)
 
 LIVE = "live"
 PREVIEW = "preview"
@@ -77,6 +85,15 @@ def entrance(
     )
 
 
+def begun(studio: Studio, slug: str, arrival: str) -> str | None:
+    """The token of the session that the consent form of this value has begun; None if none yet."""
+    if not is_secret(arrival):
+        return None
+    token = arrival_token(slug, arrival)
+    with studio.database.read() as session:
+        return token if _session_of(studio, session, token) is not None else None
+
+
 def start(
     studio: Studio,
     slug: str,
@@ -87,31 +104,38 @@ def start(
     by_experimenter: bool = False,
     entry: str | None = None,
     after: str | None = None,
+    arrival: str = "",
 ) -> tuple[str, State]:
     """Begin a session, or take somebody back into theirs: a token, shown this once, and its state.
 
     after: the token of a session that was left for too long, where the study lets one begin anew.
+    arrival: the random value of the consent form that begins the session; sent again, the form
+    leads into the session that it began.
     Raises AlreadyTakenPartError where the study does not let a person in twice, and EntryLinkError
     where it wants a link for each person and this one lets nobody in.
     """
     if mode == SIMULATED and not by_experimenter:
         raise ForbiddenError("only an experimenter may start a simulated session")
-    token = new_secret()
+    token = arrival_token(slug, arrival) if is_secret(arrival) else new_secret()
     seed = studio.seed()
     with studio.database.write() as session:
         # One arrival at a time: the same person in two windows is seen to be the same.
         session.execute(select(Study.id).where(Study.slug == slug).with_for_update())
+        begun_already = _session_of(studio, session, token)
+        if begun_already is not None:
+            return token, session_state.describe(studio, session, begun_already)
         study = studies.read(session, slug)
         ids = _ids(study.plan, external_ids or {})
         earlier = returning.earlier_session(session, study, mode, ids)
-        if earlier is not None:
+        left_behind = _left_behind(studio, session, study, after) if after is not None else None
+        if earlier is None:
+            earlier = left_behind
+        elif earlier is not left_behind:
             returning.refuse_if_blocked(session, study.plan, earlier)
             if returning.may_go_on(studio, study.plan, earlier):
                 returning.take_back(studio, session, earlier, token, ids)
                 session.flush()
                 return token, session_state.describe(studio, session, earlier)
-        elif after is not None:
-            earlier = _left_behind(studio, session, study, after)
         _require_open(study.status, slug, mode, by_experimenter=by_experimenter)
         now = studio.now()
         if mode == LIVE:
@@ -151,13 +175,19 @@ def start(
     return token, state
 
 
+def _session_of(studio: Studio, session: Session, token: str) -> SessionRow | None:
+    try:
+        return sessions.find(studio, session, token, even_expired=True)
+    except SignInRequiredError:
+        return None
+
+
 def _left_behind(
     studio: Studio, session: Session, study: studies.StudyInfo, token: str
 ) -> SessionRow | None:
     """The session of `token`, which its study lets one begin anew: it is the same participant's."""
-    try:
-        row = sessions.find(studio, session, token, even_expired=True)
-    except SignInRequiredError:
+    row = _session_of(studio, session, token)
+    if row is None:
         return None
     plan = studies.stored_plan(row.plan)
     is_left = plan.resume.policy == "restart" and places.is_too_old(plan, row, studio.now())
@@ -177,8 +207,9 @@ def _platform(plan: Plan) -> str | None:
 def _require_open(status: str, slug: str, mode: str, *, by_experimenter: bool = False) -> None:
     if status == studies.OPEN or (mode != LIVE and by_experimenter):
         return
-    what = "is not open yet" if status == studies.DRAFT else "is closed"
-    raise StudyNotOpenError(f"the study {slug!r} {what}")
+    is_draft = status == studies.DRAFT
+    what = "is not open yet" if is_draft else "is closed"
+    raise StudyNotOpenError(f"the study {slug!r} {what}", is_draft=is_draft)
 
 
 def _language(plan: Plan, wanted: str | None) -> str:

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import hashlib
+import re
 import secrets
 import string
 
 #: No vowels and no look-alikes: no words by accident, no doubt when read aloud.
 _ALPHABET = "23456789BCDFGHJKLMNPQRSTVWXZ"
+
+#: What `new_secret` makes: 32 bytes in base64.
+_SECRET = re.compile(r"[A-Za-z0-9_-]{43}")
 
 _LETTERS_AND_DIGITS = string.ascii_letters + string.digits
 
@@ -23,6 +27,20 @@ def new_secret() -> str:
 def secret_hash(secret: str) -> str:
     """SHA-256 in hex. The secrets are random, so a slow hash would add nothing."""
     return hashlib.sha256(secret.encode()).hexdigest()
+
+
+def arrival_token(slug: str, arrival: str) -> str:
+    """The token of the session that the consent form of this random value begins.
+
+    The same form sent twice, before the first answer has brought the browser its cookie, so leads
+    to one session. `arrival` is a `new_secret()` that only the form holds.
+    """
+    return hashlib.sha256(f"arrival:{slug}:{arrival}".encode()).hexdigest()
+
+
+def is_secret(value: str) -> bool:
+    """Whether this may be a `new_secret()`: anything shorter could be thought of by two people."""
+    return _SECRET.fullmatch(value) is not None
 
 
 def new_public_id() -> str:

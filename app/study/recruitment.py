@@ -95,6 +95,11 @@ class Recruitment(Part):
         return PLATFORMS[self.platform].parameters
 
     @property
+    def takes_each_once(self) -> bool:
+        """Whether whoever comes again is known, and not let in."""
+        return self.returning == "block" and self.platform != NO_PLATFORM
+
+    @property
     def label(self) -> str | None:
         """The platform's name for people."""
         return PLATFORMS[self.platform].label if self.platform in PLATFORMS else None

@@ -54,6 +54,8 @@ class StudyInfo:
     created_at: datetime
     opened_at: datetime | None
     closed_at: datetime | None
+    paused_at: datetime | None = None
+    conditions_off: tuple[str, ...] = ()
 
 
 def settings_fault(settings: Mapping[str, Any]) -> str | None:
@@ -221,6 +223,8 @@ def _info(study: Study, version: PlanVersion) -> StudyInfo:
         created_at=study.created_at,
         opened_at=study.opened_at,
         closed_at=study.closed_at,
+        paused_at=study.paused_at,
+        conditions_off=tuple(study.conditions_off),
     )
 
 

@@ -6,11 +6,13 @@ from fastapi import APIRouter, Request
 from fastapi.responses import RedirectResponse, Response
 
 from app.services import access, admission, entry_links, results, studies
+from app.services.access import Right
 from app.services.export import TABLES
 from app.services.state import ENDED
 
-from .desk import ChangeOf, DataOf, OwnForm, SignedIn, desk_page
+from .desk import ChangeOf, DesignOf, OwnForm, SignedIn, desk_page
 from .security import StudioDep, session_cookie, set_cookie
+from .study_frame import study_page
 
 router = APIRouter(include_in_schema=False)
 
@@ -37,45 +39,26 @@ def all_studies(request: Request, studio: StudioDep, caller: SignedIn) -> Respon
 
 
 @router.get("/studies/{slug}")
-def one_study(
-    study: DataOf, request: Request, studio: StudioDep, caller: SignedIn, mode: str = "live"
+def overview(
+    study: DesignOf, request: Request, studio: StudioDep, caller: SignedIn, mode: str = "live"
 ) -> Response:
+    if Right.DATA not in access.rights(studio, caller, study.slug):
+        return RedirectResponse(f"/studies/{study.slug}/plan", status_code=303)
     mode = mode if mode in _MODES else "live"
     slug, plan = study.slug, study.plan
-    language = plan.default_language
-    title = plan.text(plan.title, language)
     lines = results.sessions(studio, slug, None if mode == "all" else mode)
     stages = [line.stage for line in lines]
     ended = {stage: stages.count(stage) for stage in ENDED}
     export = f"/api/v1/studies/{slug}/export"
-    return desk_page(
+    return study_page(
         request,
+        studio,
         caller,
-        "experimenter/study.html",
-        title,
-        study={
-            "slug": slug,
-            "title": title,
-            "status": study.status,
-            "plan_hash": study.plan_hash,
-            "plan_version": study.plan_version,
+        study,
+        "overview",
+        more={
             "participant_url": f"{str(request.base_url).rstrip('/')}/s/{slug}",
             "links": entry_links.counts(studio, study.id) if entry_links.wanted(plan) else None,
-            "conditions": [
-                {
-                    "name": condition.name,
-                    "method": condition.method,
-                    "environment": condition.environment,
-                    "skip_label": condition.skip and plan.text(condition.skip.label, language),
-                }
-                for condition in plan.conditions
-            ],
-            "queries_per_trial": plan.queries_per_trial,
-            "trials": plan.trials,
-            "created_at": study.created_at,
-            "opened_at": study.opened_at,
-            "closed_at": study.closed_at,
-            "payload_mb": results.payload_mb(studio, study),
         },
         counts={
             "active": len(lines) - sum(ended.values()),
@@ -93,6 +76,38 @@ def one_study(
         ],
         zip_url=f"{export}.zip?mode={mode}",
         mode=mode,
+    )
+
+
+@router.get("/studies/{slug}/plan")
+def plan(study: DesignOf, request: Request, studio: StudioDep, caller: SignedIn) -> Response:
+    said = study.plan
+    language = said.default_language
+    return study_page(
+        request,
+        studio,
+        caller,
+        study,
+        "plan",
+        more={
+            "plan_hash": study.plan_hash,
+            "plan_version": study.plan_version,
+            "conditions": [
+                {
+                    "name": condition.name,
+                    "method": condition.method,
+                    "environment": condition.environment,
+                    "skip_label": condition.skip and said.text(condition.skip.label, language),
+                }
+                for condition in said.conditions
+            ],
+            "queries_per_trial": said.queries_per_trial,
+            "trials": said.trials,
+            "created_at": study.created_at,
+            "opened_at": study.opened_at,
+            "closed_at": study.closed_at,
+            "payload_mb": results.payload_mb(studio, study),
+        },
     )
 
 

@@ -6,7 +6,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 
-.PHONY: demo test lint calibration bench clean
+.PHONY: demo test lint messages calibration bench clean
 .DEFAULT_GOAL := demo
 
 $(VENV)/.made:
@@ -38,6 +38,12 @@ lint: $(VENV)/.dev
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+
+# Every text of an evaluator's page into the catalogues, for translators: the new ones are empty.
+messages: $(VENV)/.app
+	@mkdir -p build
+	@$(BIN)/pybabel --quiet extract --mapping pyproject.toml --keyword translatable --add-location file --sort-by-file --no-wrap --omit-header --output build/pbpo.pot .
+	@$(BIN)/pybabel --quiet update --domain pbpo --input-file build/pbpo.pot --output-dir app/web/locale --no-fuzzy-matching --ignore-obsolete --no-wrap --ignore-pot-creation-date
 
 calibration: $(VENV)/.app
 	@$(BIN)/python -m app.crane.calibration

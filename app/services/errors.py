@@ -44,7 +44,11 @@ class EntryLinkError(ForbiddenError):
 
 
 class StudyNotOpenError(ServiceError):
-    """The study takes no participants now."""
+    """The study takes no participants now: not yet, if it `is_draft`, or no more."""
+
+    def __init__(self, message: str, *, is_draft: bool) -> None:
+        super().__init__(message)
+        self.is_draft = is_draft
 
 
 class StudyFullError(ServiceError):

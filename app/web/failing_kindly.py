@@ -19,6 +19,7 @@ from app.study.protocol import ProtocolError
 
 from .security import session_cookie, studio_of
 from .session_pages import render
+from .words import translatable
 
 log = logging.getLogger(__name__)
 
@@ -54,7 +55,7 @@ def _failed(request: Request, slug: str) -> Response:
         request,
         slug,
         "participant/failed.html",
-        "Something failed",
+        translatable("Something failed"),
         status=500,
         way_back=way_back,
     )

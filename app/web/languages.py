@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from fastapi import Request
+
 #: The parameter of a link that names a language.
 PARAMETER = "lang"
 
@@ -61,3 +63,14 @@ def preferred(accepted: str, offered: Sequence[str]) -> str | None:
             if language.lower() == tag or language.lower().split("-")[0] == tag.split("-")[0]:
                 return language
     return None
+
+
+def of_reader(request: Request, offered: Sequence[str]) -> str:
+    """The offered language that the link names, else the one the browser asks for, else the first.
+
+    offered: of a study its languages; where no study is known, those that our own pages speak.
+    """
+    named = request.query_params.get(PARAMETER)
+    if named is not None and named in offered:
+        return named
+    return preferred(request.headers.get("accept-language", ""), offered) or offered[0]

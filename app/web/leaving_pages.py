@@ -9,16 +9,22 @@ from fastapi.responses import RedirectResponse, Response
 
 from app.services import participation, recruitment, studies, withdrawal
 from app.services.errors import NotFoundError, SessionExpiredError, SignInRequiredError
-from app.services.state import ENDED
+from app.services.state import ENDED, State
 from app.services.studio import Studio
 
+from . import languages, words
 from .failing_kindly import FailingKindly
 from .security import StudioDep, session_cookie
-from .session_pages import do, render, to_stage, token_of
+from .session_pages import about, do, render, to_stage, token_of
+from .words import translatable
 
 router = APIRouter(prefix="/s/{slug}", include_in_schema=False, route_class=FailingKindly)
 
-_DELETE_TITLE = "Delete my answers"
+_DELETE_TITLE = translatable("Delete my answers")
+_NO_RECEIPT = translatable(
+    "Nothing is kept under this code."
+    " Either it is not quite right, or everything was deleted already."
+)
 
 
 @router.get("/withdraw")
@@ -30,7 +36,8 @@ def ask_to_withdraw(slug: str, request: Request, studio: StudioDep) -> Response:
         return to_stage(slug)
     if state["stage"] in ENDED:
         return to_stage(slug)
-    return render(request, slug, "participant/withdraw.html", "Stop taking part?", state)
+    title = translatable("Stop taking part?")
+    return render(request, slug, "participant/withdraw.html", title, state)
 
 
 @router.post("/withdraw")
@@ -41,11 +48,11 @@ def withdraw(
     if not delete:
         return do(slug, lambda: withdrawal.withdraw(studio, token_of(request, slug)))
     try:
-        withdrawal.withdraw_and_delete(studio, token_of(request, slug))
+        state = withdrawal.withdraw_and_delete(studio, token_of(request, slug))
     except SignInRequiredError:
         # The second half of a double click: nothing is there any more.
         return to_stage(slug)
-    return _to_deleted(slug)
+    return _to_deleted(slug, state["language"])
 
 
 @router.get("/delete")
@@ -64,7 +71,7 @@ def ask_for_receipt(slug: str, request: Request, studio: StudioDep) -> Response:
         "participant/delete.html",
         _DELETE_TITLE,
         state,
-        **_about(studio, slug),
+        **_about(request, studio, slug, state),
         fault=None,
         typed="",
     )
@@ -75,7 +82,7 @@ def delete(
     slug: str, request: Request, studio: StudioDep, receipt: Annotated[str, Form()] = ""
 ) -> Response:
     """Delete what the holder of this receipt gave."""
-    about = _about(studio, slug)
+    said = _about(request, studio, slug)
     try:
         withdrawal.delete_by_receipt(studio, slug, receipt)
     except NotFoundError:
@@ -85,12 +92,11 @@ def delete(
             "participant/delete.html",
             _DELETE_TITLE,
             status=404,
-            **about,
-            fault="Nothing is kept under this code. Either it is not quite right, or everything "
-            "was deleted already.",
+            **said,
+            fault=words.translated(_NO_RECEIPT, said["language"]),
             typed=receipt[:64],
         )
-    return _to_deleted(slug)
+    return _to_deleted(slug, said["language"])
 
 
 @router.get("/deleted")
@@ -101,23 +107,24 @@ def deleted(slug: str, request: Request, studio: StudioDep) -> Response:
         request,
         slug,
         "participant/deleted.html",
-        "Everything is deleted",
-        **_about(studio, slug),
+        translatable("Everything is deleted"),
+        **about(request, plan),
         way_back=recruitment.described(plan, "withdrawn"),
     )
 
 
-def _about(studio: Studio, slug: str) -> dict[str, Any]:
-    """What a page says of the study to somebody who has no session of it."""
-    plan = studies.find(studio, slug).plan
-    return {
-        "study_title": plan.text(plan.title, plan.default_language),
-        "contact": plan.contact,
-        "language": plan.default_language,
-    }
+def _about(
+    request: Request, studio: Studio, slug: str, state: State | None = None
+) -> dict[str, Any]:
+    """What these pages say of the study, in the language of the session if there is one."""
+    language = state["language"] if state else None
+    return about(request, studies.find(studio, slug).plan, language)
 
 
-def _to_deleted(slug: str) -> Response:
-    response = RedirectResponse(f"/s/{slug}/deleted", status_code=303)
+def _to_deleted(slug: str, language: str) -> Response:
+    # The session that knew the language is gone.
+    response = RedirectResponse(
+        f"/s/{slug}/deleted?{languages.PARAMETER}={language}", status_code=303
+    )
     response.delete_cookie(session_cookie(slug))
     return response

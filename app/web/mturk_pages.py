@@ -13,6 +13,7 @@ from app.services import admission, studies
 from app.services.studio import Studio
 from app.study.recruitment import MTURK_FRAMES, is_mturk_preview
 
+from . import languages
 from .security import POLICY, content_security_policy
 from .session_pages import render
 
@@ -23,11 +24,12 @@ def outside_the_study(request: Request, slug: str, studio: Studio) -> Response |
     in_frame = request.headers.get("sec-fetch-dest") == "iframe"
     if "assignmentId" not in given and not in_frame:
         return None
-    recruitment = studies.find(studio, slug).plan.recruitment
+    plan = studies.find(studio, slug).plan
+    recruitment = plan.recruitment
     is_preview = is_mturk_preview(recruitment, given)
     if recruitment.platform != "mturk" or not (is_preview or in_frame):
         return None
-    entrance = admission.entrance(studio, slug)
+    entrance = admission.entrance(studio, slug, languages.of_reader(request, plan.languages))
     response = render(
         request,
         slug,

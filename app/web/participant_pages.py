@@ -19,12 +19,15 @@ from app.services.errors import (
 )
 from app.services.state import State
 from app.services.studio import Studio
+from app.services.tokens import new_secret
+from app.study.recruitment import Outcome
 
 from . import languages, mturk_pages
 from .failing_kindly import FailingKindly
 from .security import SESSION_COOKIE_SECONDS, StudioDep, session_cookie, set_cookie
-from .session_pages import do, is_known, render, to_stage, token_of
+from .session_pages import about, do, is_known, render, to_stage, token_of
 from .stage_pages import TITLES, stage_page
+from .words import translatable
 
 router = APIRouter(prefix="/s/{slug}", include_in_schema=False, route_class=FailingKindly)
 
@@ -45,7 +48,13 @@ def enter(slug: str, request: Request, studio: StudioDep) -> Response:
     except SessionTooOldError as error:
         return _left(request, slug, studio, error)
     except SessionExpiredError:
-        response = render(request, slug, "participant/expired.html", "The session has expired")
+        response = render(
+            request,
+            slug,
+            "participant/expired.html",
+            translatable("The session has expired"),
+            **about(request, studies.find(studio, slug).plan),
+        )
         response.delete_cookie(session_cookie(slug))
         return response
     except SignInRequiredError:
@@ -67,33 +76,52 @@ def read_consent(slug: str, request: Request, studio: StudioDep) -> Response:
 
 @router.post("/consent")
 def consent(
-    slug: str, request: Request, studio: StudioDep, version: Annotated[str, Form()]
+    slug: str,
+    request: Request,
+    studio: StudioDep,
+    version: Annotated[str, Form()],
+    arrival: Annotated[str, Form()] = "",
 ) -> Response:
     """Agree. Only now is anything kept of a newcomer."""
     token = request.cookies.get(session_cookie(slug))
     if token is None or not is_known(studio, token) or _is_of_another(request, slug, studio):
-        if _is_barred(studio, token):
-            return to_stage(slug)
-        entry = request.query_params.get(ENTRY)
-        ids = recruitment.ids_in_link(studio, slug, request.query_params)
-        try:
-            entrance = admission.entrance(
-                studio, slug, _language(request, slug, studio), entry=entry
-            )
-            if version != entrance.consent["version"]:
-                return to_stage(slug, request.url.query)
-            token, _ = admission.start(
-                studio, slug, external_ids=ids, language=entrance.language, entry=entry, after=token
-            )
-        except EntryLinkError as error:
-            return _no_entry(request, slug, studio, error)
-        except AlreadyTakenPartError as error:
-            return _taken_part(request, slug, studio, error)
-        except (StudyFullError, SessionTooOldError):
-            return to_stage(slug, request.url.query)
+        begun = admission.begun(studio, slug, arrival)
+        entered = begun or _enter(request, slug, studio, version, arrival, after=token)
+        if isinstance(entered, Response):
+            return entered
+        token = entered
     response = do(slug, lambda: participation.consent(studio, token, version))
     set_cookie(response, studio, session_cookie(slug), token, max_age=SESSION_COOKIE_SECONDS)
     return response
+
+
+def _enter(
+    request: Request, slug: str, studio: Studio, version: str, arrival: str, *, after: str | None
+) -> str | Response:
+    """The token of a newcomer's new session, or the page that says why there is none."""
+    if _is_barred(studio, after):
+        return to_stage(slug)
+    entry = request.query_params.get(ENTRY)
+    try:
+        entrance = admission.entrance(studio, slug, _language(request, slug, studio), entry=entry)
+        if version != entrance.consent["version"]:
+            return to_stage(slug, request.url.query)
+        token, _ = admission.start(
+            studio,
+            slug,
+            external_ids=recruitment.ids_in_link(studio, slug, request.query_params),
+            language=entrance.language,
+            entry=entry,
+            after=after,
+            arrival=arrival,
+        )
+    except EntryLinkError as error:
+        return _no_entry(request, slug, studio, error)
+    except AlreadyTakenPartError as error:
+        return _taken_part(request, slug, studio, error)
+    except (StudyFullError, SessionTooOldError):
+        return to_stage(slug, request.url.query)
+    return token
 
 
 @router.post("/decline")
@@ -101,14 +129,13 @@ def decline(slug: str, request: Request, studio: StudioDep) -> Response:
     """Decline. A newcomer leaves without a trace."""
     token = request.cookies.get(session_cookie(slug))
     if token is None or not is_known(studio, token):
-        plan = studies.find(studio, slug).plan
-        ids = recruitment.ids_in_link(studio, slug, request.query_params)
         return render(
             request,
             slug,
             "participant/declined.html",
             TITLES["declined"],
-            way_back=recruitment.described(plan, "declined", ids),
+            **about(request, studies.find(studio, slug).plan),
+            way_back=_way_back_of(request, studio, slug, "declined"),
         )
     return do(slug, lambda: withdrawal.withdraw(studio, token))
 
@@ -116,6 +143,14 @@ def decline(slug: str, request: Request, studio: StudioDep) -> Response:
 @router.post("/continue")
 def go_on(slug: str, request: Request, studio: StudioDep) -> Response:
     return do(slug, lambda: participation.go_on(studio, token_of(request, slug)))
+
+
+def _way_back_of(
+    request: Request, studio: Studio, slug: str, outcome: Outcome
+) -> dict[str, Any] | None:
+    """The code and the way back of somebody of whom nothing is kept but the link they came by."""
+    ids = recruitment.ids_in_link(studio, slug, request.query_params)
+    return recruitment.described(studies.find(studio, slug).plan, outcome, ids)
 
 
 def _arrival(request: Request, slug: str, studio: Studio) -> Response:
@@ -155,11 +190,10 @@ def _left(request: Request, slug: str, studio: Studio, error: SessionTooOldError
         request,
         slug,
         "participant/left.html",
-        "This session cannot be taken up again",
+        translatable("This session cannot be taken up again"),
         status=409,
-        study_title=plan.text(plan.title, plan.default_language),
-        contact=plan.contact,
-        may_begin_again=error.policy == "resume",
+        **about(request, plan),
+        may_begin_again=error.policy == "resume" and not plan.recruitment.takes_each_once,
     )
     if error.policy == "resume":
         response.delete_cookie(session_cookie(slug))
@@ -186,10 +220,9 @@ def _taken_part(
         request,
         slug,
         "participant/taken_part.html",
-        "You have taken part already",
+        translatable("You have taken part already"),
         status=409,
-        study_title=plan.text(plan.title, plan.default_language),
-        contact=plan.contact,
+        **about(request, plan),
         is_over=error.is_over,
         way_back=error.way_back,
     )
@@ -201,21 +234,15 @@ def _no_entry(request: Request, slug: str, studio: Studio, error: EntryLinkError
         request,
         slug,
         "participant/no_entry.html",
-        "A personal link is needed",
+        translatable("A personal link is needed"),
         status=403,
-        study_title=plan.text(plan.title, plan.default_language),
-        contact=plan.contact,
+        **about(request, plan),
         is_used=error.is_used,
     )
 
 
-def _language(request: Request, slug: str, studio: Studio) -> str | None:
-    """The language that the link names, else the one that the browser asks for."""
-    offered = studies.find(studio, slug).plan.languages
-    named = request.query_params.get(languages.PARAMETER)
-    if named in offered:
-        return named
-    return languages.preferred(request.headers.get("accept-language", ""), offered)
+def _language(request: Request, slug: str, studio: Studio) -> str:
+    return languages.of_reader(request, studies.find(studio, slug).plan.languages)
 
 
 def _language_links(request: Request, entrance: admission.Entrance) -> list[dict[str, Any]]:
@@ -248,14 +275,21 @@ def _entrance(
             request,
             slug,
             "participant/full.html",
-            "No place left",
+            translatable("No place left"),
             status=409,
-            study_title=plan.text(plan.title, plan.default_language),
-            contact=plan.contact,
+            **about(request, plan),
+            # Who came from a platform is owed its code: there is nothing for them to wait for.
+            way_back=_way_back_of(request, studio, slug, "screened_out"),
         )
     except StudyNotOpenError as error:
         return render(
-            request, slug, "participant/closed.html", "Not open", message=str(error), status=409
+            request,
+            slug,
+            "participant/closed.html",
+            translatable("Not open"),
+            status=409,
+            **about(request, studies.find(studio, slug).plan),
+            is_draft=error.is_draft,
         )
     state: State = {
         "stage": "consent" if past_welcome or entrance.welcome is None else "welcome",
@@ -270,4 +304,11 @@ def _entrance(
         "consent": dict(entrance.consent),
         "welcome": {"html": entrance.welcome or ""},
     }
-    return stage_page(request, slug, state, languages=_language_links(request, entrance))
+    return stage_page(
+        request,
+        slug,
+        state,
+        languages=_language_links(request, entrance),
+        # The form sent twice before the browser has its cookie begins one session all the same.
+        arrival=new_secret(),
+    )

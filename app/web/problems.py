@@ -13,8 +13,10 @@ from starlette.exceptions import HTTPException
 from app.services import errors
 from app.study import protocol
 
+from . import languages
 from .schemas import Problem
-from .templating import page
+from .templating import DEFAULTS, page
+from .words import spoken, translatable, translated
 
 MEDIA_TYPE = "application/problem+json"
 
@@ -57,6 +59,18 @@ KINDS: tuple[tuple[type[Exception], Kind], ...] = (
 )
 
 
+#: What an evaluator is told instead of a detail that speaks to programmers.
+_NOTHING_HERE = translatable(
+    "There is nothing at this address. Please open the link just as it was sent to you."
+)
+_NOT_NOW = translatable(
+    "Please open the study's link again: it leads to where you were."
+    " If that does not help, tell the people who sent it to you."
+)
+_EVALUATORS_TITLES = {404: translatable("Not found"), 422: translatable("Not understood")}
+_OTHER_TITLE = translatable("That is not possible now")
+
+
 def kind_of(error: Exception) -> Kind:
     return next(kind for domain_error, kind in KINDS if isinstance(error, domain_error))
 
@@ -94,10 +108,21 @@ def _is_api(request: Request) -> bool:
 def _answer(request: Request, kind: Kind, detail: str, **extra: Any) -> Response:
     if _is_api(request):
         return problem(kind, detail, **extra)
+    title, language = kind.title, DEFAULTS["language"]
+    if request.url.path.startswith("/s/"):
+        language = languages.of_reader(request, spoken())
+        title = translated(_EVALUATORS_TITLES.get(kind.status, _OTHER_TITLE), language)
+        detail = translated(_NOTHING_HERE if kind.status == 404 else _NOT_NOW, language)
     return page(
         request,
         "error.html",
-        {"status": kind.status, "title": kind.title, "detail": detail, "page_title": kind.title},
+        {
+            "status": kind.status,
+            "title": title,
+            "detail": detail,
+            "page_title": title,
+            "language": language,
+        },
         status_code=kind.status,
     )
 

@@ -14,9 +14,11 @@ from app.services.errors import SessionExpiredError, SignInRequiredError
 from app.services.state import State
 from app.services.studio import Studio
 from app.services.tokens import receipt_code
+from app.study.plan import Plan
 from app.study.protocol import ProtocolError
 from app.study.recruitment import MTURK_FRAMES, MTURK_HOSTS
 
+from . import languages, words
 from .security import POLICY, content_security_policy, session_cookie
 from .templating import page
 
@@ -31,10 +33,17 @@ def render(
     status: int = 200,
     **context: Any,
 ) -> Response:
-    """A page of this study; `context` is what only this page is given."""
+    """A page of this study; `context` is what only this page is given.
+
+    title: in English; without a state and a language in `context`, the reader's own is taken.
+    """
     study = state["study"] if state else {"title": None, "contact": None}
     query = request.url.query
     token = request.cookies.get(session_cookie(slug))
+    if state:
+        language = state["language"]
+    else:
+        language = context.get("language") or languages.of_reader(request, words.spoken())
     values = {
         "slug": slug,
         "base": f"/s/{slug}",
@@ -42,8 +51,8 @@ def render(
         "state": state,
         "study_title": study["title"],
         "contact": study["contact"],
-        "language": state["language"] if state else "en",
-        "page_title": title,
+        "language": language,
+        "page_title": words.translated(title, language),
         "delete_url": f"{str(request.base_url).rstrip('/')}/s/{slug}/delete",
         "receipt": receipt_code(token) if state and token else None,
         **context,
@@ -55,6 +64,16 @@ def render(
         hosts = [f"https://{host}" for host in MTURK_HOSTS]
         response.headers[POLICY] = content_security_policy(form_action=(*hosts, *MTURK_FRAMES))
     return response
+
+
+def about(request: Request, plan: Plan, language: str | None = None) -> dict[str, Any]:
+    """What a page says of a study without a session's state: in this language, or the reader's."""
+    language = language or languages.of_reader(request, plan.languages)
+    return {
+        "study_title": plan.text(plan.title, language),
+        "contact": plan.contact,
+        "language": language,
+    }
 
 
 def do(slug: str, action: Callable[[], State]) -> Response:

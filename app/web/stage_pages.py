@@ -14,24 +14,25 @@ from app.services.state import State
 from .failing_kindly import FailingKindly
 from .security import StudioDep
 from .session_pages import do, render, token_of
+from .words import translatable
 
 router = APIRouter(prefix="/s/{slug}", include_in_schema=False, route_class=FailingKindly)
 
 TITLES = {
-    "welcome": "Welcome",
-    "consent": "Consent",
-    "device_check": "Device check",
-    "instructions": "Instructions",
-    "familiarisation": "Familiarisation",
-    "practice": "Practice",
-    "query": "Which is better?",
-    "questionnaire": "Some questions",
-    "break": "Break",
-    "debrief": "Debrief",
-    "completed": "Thank you",
-    "withdrawn": "You have stopped",
-    "declined": "You have declined",
-    "screened_out": "Thank you",
+    "welcome": translatable("Welcome"),
+    "consent": translatable("Consent"),
+    "device_check": translatable("Device check"),
+    "instructions": translatable("Instructions"),
+    "familiarisation": translatable("Familiarisation"),
+    "practice": translatable("Practice"),
+    "query": translatable("Which is better?"),
+    "questionnaire": translatable("Some questions"),
+    "break": translatable("Break"),
+    "debrief": translatable("Debrief"),
+    "completed": translatable("Thank you"),
+    "withdrawn": translatable("You have stopped"),
+    "declined": translatable("You have declined"),
+    "screened_out": translatable("Thank you"),
 }
 
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from datetime import UTC, datetime
-from functools import lru_cache
+from functools import cache, lru_cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +13,8 @@ from fastapi import Request
 from fastapi.responses import HTMLResponse
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
+
+from . import words
 
 ROOT = Path(__file__).resolve().parents[2]
 STATIC = ROOT / "static"
@@ -41,21 +43,39 @@ def static_url(path: str) -> str:
     return f"/static/{path}?v={_fingerprint(path, (STATIC / path).stat().st_mtime)}"
 
 
-environment = Environment(
-    loader=FileSystemLoader(ROOT / "templates"),
-    autoescape=True,
-    undefined=StrictUndefined,
-    trim_blocks=True,
-    lstrip_blocks=True,
-)
-environment.filters["localtime"] = local_time
-environment.globals["static_url"] = static_url
+@cache
+def environment_in(language: str) -> Environment:
+    """The templates in one of the languages that our pages speak."""
+    made = Environment(
+        loader=FileSystemLoader(ROOT / "templates"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        extensions=["jinja2.ext.i18n"],
+    )
+    made.policies["ext.i18n.trimmed"] = True
+    # The extension adds this to the environment: the type does not know of it.
+    install: Callable[..., None] = vars(made)["install_gettext_translations"]
+    install(words.translations(language), newstyle=True)
+    made.filters["localtime"] = local_time
+    made.filters["number"] = partial(words.number, language=language)
+    made.globals["static_url"] = static_url
+    made.globals["script_words"] = words.script_words(language)
+    return made
+
+
+environment = environment_in(words.SOURCE_LANGUAGE)
 
 
 def page(
     request: Request, template: str, context: Mapping[str, Any], status_code: int = 200
 ) -> HTMLResponse:
-    """The page of `template`. Pages show a moment of somebody's session: nothing may keep them."""
+    """The page of `template` in the context's `language`.
+
+    Pages show a moment of somebody's session: nothing may keep them.
+    """
     values = {**DEFAULTS, "path": request.url.path, **context}
-    html = environment.get_template(template).render(values)
+    templates = environment_in(words.nearest(values["language"]))
+    html = templates.get_template(template).render(values)
     return HTMLResponse(html, status_code, headers={"Cache-Control": "no-store"})

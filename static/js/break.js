@@ -5,6 +5,7 @@
 import { SessionApi } from "./api.js";
 import { Countdown, clockFace } from "./countdown.js";
 import { announce, byId, stateOfPage } from "./dom.js";
+import { gettext } from "./words.js";
 
 const api = new SessionApi(byId("break").dataset.slug ?? "");
 const clock = byId("clock");
@@ -12,7 +13,7 @@ const button = /** @type {HTMLButtonElement} */ (byId("continue"));
 const title = document.title;
 
 /** Seconds left that are worth interrupting a screen reader for. */
-const SPOKEN = new Map([[60, "One minute left."], [10, "Ten seconds left."]]);
+const SPOKEN = new Map([[60, gettext("One minute left.")], [10, gettext("Ten seconds left.")]]);
 
 const countdown = new Countdown({
   onTick(secondsLeft) {
@@ -28,7 +29,7 @@ const countdown = new Countdown({
       button.disabled = false;
       byId("resting").hidden = true;
       byId("over").hidden = false;
-      announce("The break is over. You can continue.");
+      announce(gettext("The break is over. You can continue."));
       button.focus();
     }
   },

@@ -13,6 +13,7 @@
  */
 
 import { within } from "./dom.js";
+import { gettext } from "./words.js";
 
 /** A video that takes longer than this to come is being made: the page says that it will come. */
 const SAY_MORE_MS = 2500;
@@ -31,6 +32,14 @@ const STALL_MS = 200;
 
 /** With this much to show but no promise of reaching the end without a halt, start anyway. */
 const PATIENCE_MS = 1000;
+
+/** What is said over a player in each of its states. */
+const SAID = {
+  loading: gettext("Loading"),
+  stalled: gettext("Waiting for the video"),
+  failed: gettext("This video did not load."),
+  ready: "",
+};
 
 export class Clip {
   /** @type {ClipState} */
@@ -104,7 +113,7 @@ export class Clip {
     clearTimeout(this.#timer);
     const turn = (this.#turn += 1);
     this.listener.onEvent("retry", this);
-    this.text.textContent = "Trying again";
+    this.text.textContent = gettext("Trying again");
     this.button.hidden = true;
     const source = await this.preloader.again(this.url);
     if (turn !== this.#turn) {
@@ -219,9 +228,9 @@ export class Clip {
     }
     clearTimeout(this.#patience);
     if (state === "loading") {
-      this.#patience = setTimeout(() => (this.text.textContent = "Still preparing this video. It starts by itself."), SAY_MORE_MS);
+      this.#patience = setTimeout(() => (this.text.textContent = gettext("Still preparing this video. It starts by itself.")), SAY_MORE_MS);
     }
-    this.text.textContent = { loading: "Loading", stalled: "Waiting for the video", failed: "This video did not load.", ready: "" }[state];
+    this.text.textContent = SAID[state];
   }
 
   #shape() {

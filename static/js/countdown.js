@@ -3,6 +3,8 @@
  * so that a computer whose date is wrong counts right.
  */
 
+import { gettext } from "./words.js";
+
 export class Countdown {
   /** @type {ReturnType<typeof setTimeout> | undefined} */
   #timer;
@@ -36,8 +38,11 @@ export class Countdown {
 
 /**
  * @param {number} seconds whole
- * @returns {string} minutes and seconds, "1:05"
+ * @returns {string} minutes and seconds as the language writes them, "1:05"
  */
 export function clockFace(seconds) {
-  return `${Math.floor(seconds / 60)}:${String(seconds % 60).padStart(2, "0")}`;
+  return gettext("%(minutes)s:%(seconds)s", {
+    minutes: Math.floor(seconds / 60),
+    seconds: String(seconds % 60).padStart(2, "0"),
+  });
 }

@@ -6,6 +6,7 @@ import { Refused, SessionApi } from "./api.js";
 import { Clip } from "./clip.js";
 import { announce, byId, stateOfPage, wantsLessMotion, within } from "./dom.js";
 import { Preloader } from "./preloader.js";
+import { gettext } from "./words.js";
 
 /** The line is measured so many times; the best counts, since a first fetch also waits for the video to be made. */
 const MEASUREMENTS = 2;
@@ -22,9 +23,14 @@ const giveUp = byId("give-up");
 
 /** What to do about each thing that a device may lack. */
 const ADVICE = {
-  clip: "The video has not played to its end. Press Check again to play it, or try another browser.",
-  width: `Make the window wider, turn your device, or use one with a larger screen: the page has to be ${check.min_width_px} pixels wide.`,
-  line: `Your connection is slow. Close what else uses it, or try another one: it has to carry ${check.min_mbit_s} Mbit/s.`,
+  clip: gettext("The video has not played to its end. Press Check again to play it, or try another browser."),
+  width: gettext(
+    "Make the window wider, turn your device, or use one with a larger screen: the page has to be %(width)s pixels wide.",
+    { width: check.min_width_px ?? 0 },
+  ),
+  line: gettext("Your connection is slow. Close what else uses it, or try another one: it has to carry %(rate)s Mbit/s.", {
+    rate: check.min_mbit_s ?? 0,
+  }),
 };
 
 /** @typedef {keyof typeof ADVICE} Lack */
@@ -94,7 +100,7 @@ function settle(name, isGood) {
     return;
   }
   line.dataset.result = isGood ? "good" : "lacking";
-  within(line, ".result").textContent = isGood ? "Yes" : "No";
+  within(line, ".result").textContent = isGood ? gettext("Yes") : gettext("No");
   show();
 }
 
@@ -107,7 +113,7 @@ function show() {
   again.hidden = lacking.length === 0;
   giveUp.hidden = lacking.length === 0;
   if (leave.disabled && isGood) {
-    announce("Your device is fine. You can continue.");
+    announce(gettext("Your device is fine. You can continue."));
   }
   leave.disabled = !isGood;
 }
@@ -131,7 +137,7 @@ function begin() {
   measured.mbit_s = null;
   for (const line of /** @type {NodeListOf<HTMLElement>} */ (page.querySelectorAll("[data-check]"))) {
     line.dataset.result = "open";
-    within(line, ".result").textContent = "Checking";
+    within(line, ".result").textContent = gettext("Checking");
   }
   show();
   clip?.show(check.clip.url);
@@ -150,8 +156,8 @@ async function goOn() {
       location.reload(); // another tab has gone on, or the window has become narrower
       return;
     }
-    announce("Not sent yet. Try again.");
-    byId("advice").textContent = "The server cannot be reached. Try again in a moment.";
+    announce(gettext("Not sent yet. Try again."));
+    byId("advice").textContent = gettext("The server cannot be reached. Try again in a moment.");
   }
 }
 

@@ -7,6 +7,7 @@ import { Clip } from "./clip.js";
 import { announce, byId, focusHeading, pause, stateOfPage, wantsLessMotion, within } from "./dom.js";
 import { listenForKeys } from "./keys.js";
 import { Preloader } from "./preloader.js";
+import { gettext } from "./words.js";
 
 /** A rest between two videos, so that one can be told from the next. */
 const REST_MS = 800;
@@ -56,7 +57,7 @@ function go(to) {
   index = to;
   preloader.settle([videos[index].url]);
   clip.show(videos[index].url);
-  byId("position").textContent = `Video ${index + 1} of ${videos.length}`;
+  byId("position").textContent = gettext("Video %(number)s of %(total)s", { number: index + 1, total: videos.length });
   previous.setAttribute("aria-disabled", String(index === 0));
   next.setAttribute("aria-disabled", String(index === videos.length - 1));
 }
@@ -82,7 +83,7 @@ function toggle() {
 }
 
 function label() {
-  byId("toggle-label").textContent = video.ended ? "Play again" : video.paused ? "Play" : "Pause";
+  byId("toggle-label").textContent = video.ended ? gettext("Play again") : video.paused ? gettext("Play") : gettext("Pause");
 }
 
 function ended() {
@@ -92,7 +93,7 @@ function ended() {
   if (index < videos.length - 1 && playsByItself) {
     rest = setTimeout(() => go(index + 1), REST_MS);
   } else if (index === videos.length - 1) {
-    announce("That was the last video.");
+    announce(gettext("That was the last video."));
   }
 }
 
@@ -114,7 +115,7 @@ async function tell(place) {
         location.reload(); // another tab has gone on: the server shows where
         return;
       }
-      byId("continue-note").textContent = "Not saved yet. Trying again.";
+      byId("continue-note").textContent = gettext("Not saved yet. Trying again.");
       await pause(RETRY_S[Math.min(attempt, RETRY_S.length - 1)]);
     }
   }
@@ -123,14 +124,14 @@ async function tell(place) {
 function count() {
   const seen = watched.size;
   const remain = videos.length - seen;
-  byId("watched").textContent = remain > 0 ? `${seen} watched, ${remain} remain` : "All watched";
+  byId("watched").textContent = remain > 0 ? gettext("%(seen)s watched, %(remain)s remain", { seen, remain }) : gettext("All watched");
   /** @type {HTMLProgressElement} */ (byId("watched-bar")).value = seen;
   const missing = Math.max(0, required - seen);
   const opens = leave.disabled && missing === 0;
   leave.disabled = missing > 0;
-  byId("continue-note").textContent = missing > 0 ? `Watch ${missing} more to continue.` : "";
+  byId("continue-note").textContent = missing > 0 ? gettext("Watch %(count)s more to continue.", { count: missing }) : "";
   if (opens && required > 0) {
-    announce("You can start the comparisons.");
+    announce(gettext("You can start the comparisons."));
   }
 }
 

@@ -2,6 +2,8 @@
  * How long the comparisons still take, from how long they took so far.
  */
 
+import { gettext } from "./words.js";
+
 /** Seconds for one comparison before there is anything to go by: a 10 s video and a moment to decide. */
 const FIRST_GUESS_S = 14;
 
@@ -45,7 +47,7 @@ export class Pace {
     const comparisons = (trials - trial) * queries + queries - query + 1;
     const seconds = comparisons * this.#typical() + (trials - trial) * breakSeconds;
     const minutes = Math.round(seconds / 60);
-    return minutes < 1 ? "Less than a minute left" : `About ${minutes} min left`;
+    return minutes < 1 ? gettext("Less than a minute left") : gettext("About %(minutes)s min left", { minutes });
   }
 
   #typical() {

@@ -14,6 +14,7 @@ import { Preloader } from "./preloader.js";
 import { Reasons } from "./reasons.js";
 import { Theatre } from "./theatre.js";
 import { Undo } from "./undo.js";
+import { gettext } from "./words.js";
 
 /** A press this soon after a new pair was meant for the one before. */
 const GUARD_MS = 250;
@@ -67,13 +68,13 @@ const pair = new Pair(within(stage, '.player[data-side="left"]'), within(stage, 
     if (!seen) {
       seen = true;
       heading.textContent = question;
-      announce("You can choose now.");
+      announce(gettext("You can choose now."));
       open();
     }
   },
   onNeedsPress() {
     start.hidden = false;
-    announce("Press Play both to start the videos.");
+    announce(gettext("Press Play both to start the videos."));
     say();
   },
   onNoPressNeeded() {
@@ -91,8 +92,8 @@ const buttons = new AnswerButtons(stage, (response, event) => respond(response, 
 const undo = new Undo(byId("undo"), (queryId) => takeBack(queryId));
 new Theatre(byId("enlarge"), (enlarged) => evidence.add("fullscreen", null, enlarged ? 1 : 0));
 const outbox = new Outbox(api, {
-  onLate: () => warn("Not saved yet. Trying again.", "Try now", () => outbox.tryNow()),
-  onSaved: () => announce("Saved."),
+  onLate: () => warn(gettext("Not saved yet. Trying again."), gettext("Try now"), () => outbox.tryNow()),
+  onSaved: () => announce(gettext("Saved.")),
 });
 
 /** Put the query of `state` onto the page. */
@@ -102,7 +103,7 @@ function show() {
   shownAt = performance.now();
   sending = false;
   seen = !query.watch_once;
-  heading.textContent = seen ? question : "Watch both to the end";
+  heading.textContent = seen ? question : gettext("Watch both to the end");
   reasons.dismiss();
   start.hidden = true;
   notice.hidden = true;
@@ -145,7 +146,8 @@ function sayTimeLeft() {
 function stand() {
   const { trial, trials, query: number, queries } = state.progress;
   const practising = state.stage === "practice";
-  const where = practising ? `Practice · Pair ${number} of ${queries}` : `Part ${trial} of ${trials} · Pair ${number} of ${queries}`;
+  const part = practising ? gettext("Practice") : gettext("Part %(number)s of %(total)s", { number: trial, total: trials });
+  const where = `${part} · ${gettext("Pair %(number)s of %(total)s", { number, total: queries })}`;
   byId("progress").textContent = where;
   const bar = /** @type {HTMLProgressElement} */ (byId("progress-bar"));
   bar.max = practising ? queries : trials * queries;
@@ -196,11 +198,10 @@ async function send(answer) {
   try {
     next = await outbox.send(answer);
   } catch (error) {
-    const refused = error instanceof Refused ? error : null;
-    next = refused?.status === 409 ? await whereNow() : null;
+    next = error instanceof Refused && error.status === 409 ? await whereNow() : null;
     if (!next) {
       // Signed out, expired, or closed: the server's own page says so.
-      warn(refused?.message ?? "This answer could not be saved.", "Reload the page", () => location.reload());
+      warn(gettext("This answer could not be saved."), gettext("Reload the page"), () => location.reload());
       return;
     }
   }
@@ -220,11 +221,11 @@ async function takeBack(queryId) {
   undo.withdraw();
   try {
     arrive(await api.undo(queryId));
-    announce("Your last answer was taken back.");
+    announce(gettext("Your last answer was taken back."));
   } catch (error) {
     sending = false;
     buttons.isOpen = pair.hasPlayed && seen;
-    warn(error instanceof Refused ? "It is too late to undo that answer." : "The answer could not be taken back.");
+    warn(error instanceof Refused ? gettext("It is too late to undo that answer.") : gettext("The answer could not be taken back."));
   }
 }
 
@@ -250,7 +251,7 @@ async function setAside(how) {
       if (error instanceof Refused && !error.isPassing) {
         next = error.status === 409 ? await whereNow() : null;
         if (!next) {
-          warn(error.message, "Reload the page", () => location.reload());
+          warn(gettext("This could not be reported."), gettext("Reload the page"), () => location.reload());
           return;
         }
         if (next.query?.id === query.id) {
@@ -258,17 +259,17 @@ async function setAside(how) {
           sending = false;
           faultButton.setAttribute("aria-disabled", "false");
           buttons.isOpen = pair.hasPlayed && seen;
-          warn(error.message);
+          warn(gettext("There is no other pair to show right now. If this one still comes, you can answer it."));
           return;
         }
       } else {
-        warn("The server cannot be reached. Trying again.");
+        warn(gettext("The server cannot be reached. Trying again."));
         await pause(2);
       }
     }
   }
   arrive(next);
-  warn("That pair was set aside. Here is another one.");
+  warn(gettext("That pair was set aside. Here is another one."));
   const mine = turn;
   while (mine === turn && !pair.hasPlayed) {
     await pause(0.2);
@@ -302,7 +303,7 @@ async function whereNow() {
       if (error instanceof Refused && !error.isPassing) {
         return null;
       }
-      warn("The server cannot be reached. Trying again.");
+      warn(gettext("The server cannot be reached. Trying again."));
       await pause(2);
     }
   }

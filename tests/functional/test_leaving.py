@@ -217,7 +217,7 @@ def test_the_page_to_leave_offers_to_keep_and_to_delete(
     assert 'data-testid="withdraw-confirm"' in page
     assert 'data-testid="withdraw-delete"' in page
     gone = client.post("/s/short/withdraw", data={"delete": "yes"})
-    assert (gone.status_code, gone.headers["location"]) == (303, "/s/short/deleted")
+    assert (gone.status_code, gone.headers["location"]) == (303, "/s/short/deleted?lang=en")
     assert f'{COOKIE}=""' in gone.headers["set-cookie"]
     assert heading(client.get("/s/short/deleted")) == "Everything is deleted"
     assert rows_of_people(studio) == {"tombstones": 1}
@@ -259,7 +259,7 @@ def test_a_receipt_is_typed_into_a_page_that_needs_no_session(
     assert 'role="alert"' in wrong.text
     assert "&lt;b&gt;none" in wrong.text
     gone = client.post("/s/short/delete", data={"receipt": receipt.lower()})
-    assert (gone.status_code, gone.headers["location"]) == (303, "/s/short/deleted")
+    assert (gone.status_code, gone.headers["location"]) == (303, "/s/short/deleted?lang=en")
     assert rows_of_people(studio) == {"tombstones": 1}
 
 

@@ -1,0 +1,22 @@
+/**
+ * What the scripts say, in the page's language. English stands where it is said; a page in another language
+ * carries the translations of all of it.
+ */
+
+const carried = document.getElementById("words")?.textContent;
+/** @type {Record<string, string>} */
+const translations = carried ? JSON.parse(carried) : {};
+const numbers = new Intl.NumberFormat(document.documentElement.lang);
+
+/**
+ * @param {string} english with places such as %(number)s
+ * @param {Record<string, string | number>} [values] what stands there; numbers are written as the language writes them
+ * @returns {string}
+ */
+export function gettext(english, values = {}) {
+  const text = translations[english] ?? english;
+  return text.replace(/%\((\w+)\)s/g, (_place, name) => {
+    const value = values[name];
+    return typeof value === "number" ? numbers.format(value) : value;
+  });
+}

@@ -11,6 +11,7 @@ from tests.conftest import SHORT_PLAN, Clock, StudyShelf
 
 from .client import Api, Session
 from .test_participant_pages import COOKIE, agree, heading, sent_on
+from .test_recruitment import BACK_TO_PROLIFIC, return_link
 
 PLACES_PLAN = SHORT_PLAN + "\nplaces: 2\nlease_minutes: 30\n"
 Request = pytest.FixtureRequest
@@ -43,9 +44,22 @@ def test_nobody_is_let_in_when_active_sessions_fill_the_places(
     assert refusal.json()["type"] == "urn:pbpo-studio:problem:study-full"
     page = client.get("/s/short")
     assert (page.status_code, heading(page)) == (409, FULL)
+    assert "you can try again in an hour or two" in page.text
     # Those inside go on, and a look at the study needs no place.
     assert inside[0].consent().status_code == 200
     assert client.start(mode="preview").state["stage"] == "consent"
+
+
+def test_whoever_comes_from_a_platform_and_finds_no_place_gets_its_code(
+    client: Api, studio: Studio, study_shelf: StudyShelf
+) -> None:
+    said = "recruitment: {platform: prolific, codes: {completed: C1, screened_out: FULL2}}\n"
+    study_shelf.put_into(studio, PLACES_PLAN.replace("places: 2", "places: 1") + said)
+    client.start()
+    page = client.get("/s/short?PROLIFIC_PID=5f0c")
+    assert (page.status_code, heading(page)) == (409, FULL)
+    assert return_link(page.text) == f"{BACK_TO_PROLIFIC}FULL2"
+    assert "try again" not in page.text
 
 
 def test_a_place_is_free_again_once_its_holder_leaves_or_is_not_heard_of(

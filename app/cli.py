@@ -5,18 +5,16 @@ from __future__ import annotations
 import sys
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any, NoReturn
+from typing import Annotated, NoReturn
 
 import typer
-from pydantic import ValidationError
-from rich.console import Console
 from rich.table import Table
 from typer.exceptions import Abort, Exit, TyperException
 
-from app.services import accounts, revision, studies
-from app.services.errors import ConflictError, ServiceError
-from app.services.settings import Settings, settings_faults
-from app.services.studio import Studio, open_studio
+from app.commands import account
+from app.commands.asking import Address, DataDir, Slug, out, say_link, settings_of, studio_of
+from app.services import revision, studies
+from app.services.errors import ServiceError
 from app.study.faults import StudyFaults
 from app.study.folder import UnknownStudyError
 from app.study.scaffold import FolderNotEmptyError
@@ -29,14 +27,11 @@ app = typer.Typer(
 )
 study_app = typer.Typer(no_args_is_help=True, help="Set studies up, open and close them.")
 media_app = typer.Typer(no_args_is_help=True, help="The crane's recordings.")
-account_app = typer.Typer(no_args_is_help=True, help="Who may run studies.")
 link_app = typer.Typer(no_args_is_help=True, help="Links that each let one person in.")
 app.add_typer(study_app, name="study")
 app.add_typer(media_app, name="media")
-app.add_typer(account_app, name="account")
+app.add_typer(account.app, name="account")
 app.add_typer(link_app, name="link")
-
-out = Console(highlight=False, soft_wrap=True)
 
 #: A user's mistake: what was asked for cannot be done as it was said.
 MISTAKE = 2
@@ -65,13 +60,6 @@ class Engine(StrEnum):
     ray = "ray"
 
 
-DataDir = Annotated[
-    Path | None,
-    typer.Option(
-        help="Where data is kept. [env: PBPO_DATA_DIR; default: data]", show_default=False
-    ),
-]
-Slug = Annotated[str, typer.Argument(help="The study's slug.", metavar="SLUG")]
 Folder = Annotated[
     str, typer.Argument(help="A study's folder, or the name of a shipped study.", metavar="FOLDER")
 ]
@@ -101,17 +89,6 @@ def main() -> None:
 def fail(message: str) -> NoReturn:
     print(message, file=sys.stderr)
     sys.exit(MISTAKE)
-
-
-def settings_of(data_dir: Path | None) -> Settings:
-    try:
-        return Settings() if data_dir is None else Settings(data_dir=data_dir)
-    except ValidationError as error:
-        raise ConflictError(settings_faults(error)) from None
-
-
-def studio_of(data_dir: Path | None, **changes: Any) -> Studio:
-    return open_studio(settings_of(data_dir), **changes)
 
 
 @app.command()
@@ -222,38 +199,19 @@ def study_delete(slug: Slug, data_dir: DataDir = None) -> None:
     out.print(f"{slug} is deleted.")
 
 
-@account_app.command("create")
-def account_create(email: str, data_dir: DataDir = None) -> None:
-    """Make an account for an experimenter; asks for the password."""
-    studio = studio_of(data_dir)
-    password = typer.prompt("Password", hide_input=True, confirmation_prompt=True)
-    accounts.create(studio, email, password)
-    out.print(f"{email} can sign in at /sign-in.")
-
-
-@account_app.command("token")
-def account_token(email: str, label: str = "command line", data_dir: DataDir = None) -> None:
-    """Make an API token for an experimenter, and show it this once."""
-    studio = studio_of(data_dir)
-    out.print(accounts.create_api_token(studio, accounts.find(studio, email), label))
-
-
 @link_app.command("create")
 def link_create(
     slug: Slug,
     count: Annotated[int, typer.Option(help="How many links.", min=1, max=10_000)] = 1,
     label: Annotated[str, typer.Option(help="A note on what they are for.")] = "",
-    address: Annotated[
-        str, typer.Option(help="What comes before the path, such as https://lab.example.")
-    ] = "",
+    address: Address = "",
     data_dir: DataDir = None,
 ) -> None:
     """Make links that each let one person in, once, and show them this once."""
     from app.services import entry_links
 
     for path in entry_links.create(studio_of(data_dir), slug, count, label):
-        # Plain: a link must come out whole however narrow the window is.
-        print(f"{address.rstrip('/')}{path}")
+        say_link(path, address)
 
 
 @app.command()

@@ -26,7 +26,8 @@ ALLOWED: dict[str, frozenset[str]] = {
     "main": GROUND | {"storage", "figures", "services", "web"},
     "server": frozenset({"services", "main"}),
     "simulation": GROUND | {"storage", "services", "lab", "main"},
-    "cli": GROUND | {"services", "server", "simulation", "main", "lab"},
+    "commands": GROUND | {"services", "server", "simulation", "main", "lab"},
+    "cli": GROUND | {"services", "commands", "server", "simulation", "main", "lab"},
 }
 #: The ground rooms know neither the web nor the database.
 FOREIGN_TO_GROUND = {"fastapi", "starlette", "sqlalchemy", "alembic", "jinja2", "uvicorn", "httpx"}

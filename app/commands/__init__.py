@@ -1,0 +1,1 @@
+"""Commands by subject; `app.cli` puts them together."""

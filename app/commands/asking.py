@@ -1,0 +1,43 @@
+"""What the commands share: the options that several of them have, and the studio they work on."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from pydantic import ValidationError
+from rich.console import Console
+
+from app.services.errors import ConflictError
+from app.services.settings import Settings, settings_faults
+from app.services.studio import Studio, open_studio
+
+out = Console(highlight=False, soft_wrap=True)
+
+DataDir = Annotated[
+    Path | None,
+    typer.Option(
+        help="Where data is kept. [env: PBPO_DATA_DIR; default: data]", show_default=False
+    ),
+]
+Slug = Annotated[str, typer.Argument(help="The study's slug.", metavar="SLUG")]
+Address = Annotated[
+    str, typer.Option(help="What comes before the path, such as https://lab.example.")
+]
+
+
+def settings_of(data_dir: Path | None) -> Settings:
+    try:
+        return Settings() if data_dir is None else Settings(data_dir=data_dir)
+    except ValidationError as error:
+        raise ConflictError(settings_faults(error)) from None
+
+
+def studio_of(data_dir: Path | None, **changes: Any) -> Studio:
+    return open_studio(settings_of(data_dir), **changes)
+
+
+def say_link(path: str, address: str) -> None:
+    """Print a link plainly: it must come out whole however narrow the window is."""
+    print(f"{address.rstrip('/')}{path}")

@@ -29,6 +29,7 @@ from app.study.part import ONE_OR_MORE_TEXTS, LocalText, Part
 from app.study.questionnaire import Item, Questionnaires
 from app.study.recordings import RecordingRow
 from app.study.recruitment import Recruitment
+from app.study.reward import Reward
 from app.study.stages import DeviceCheck, Familiarisation, Practice, Resume
 
 # These name folders as well, so they hold nothing that leads elsewhere.
@@ -144,6 +145,9 @@ class Plan(Part):
     )
     recruitment: Recruitment = Field(
         default=Recruitment(), description="a mapping such as {platform: prolific, codes: ...}"
+    )
+    reward: Reward | None = Field(
+        default=None, description="a mapping such as {amount: 4.5, currency: EUR}"
     )
     places: StrictInt | None = Field(
         default=None, ge=1, le=1_000_000, description="a whole number of people of at least 1"

@@ -144,6 +144,7 @@ CHANGES: list[dict[str, object]] = [
     {"familiarisation": {"videos": 3}},
     {"session_expires_after_days": 15},
     {"contact": "jo@example.org"},
+    {"reward": {"amount": 4.5, "currency": "EUR"}},
     {"conditions": [condition()]},
     {"conditions": [condition(settings={"noise": 0.1})]},
     {"conditions": [condition(name="b"), condition()]},

@@ -74,6 +74,19 @@ Faults = Callable[[Path], list[str]]
             ),
         ),
         (
+            "queries_per_trial: 4",
+            "queries_per_trial: 4\nreward: {amount: 0, currency: EUR}",
+            "study.yaml:20: reward.amount: expected an amount above 0 such as 4.5, got 0",
+        ),
+        (
+            "queries_per_trial: 4",
+            "queries_per_trial: 4\nreward: {amount: 4.5, currency: €}",
+            (
+                "study.yaml:20: reward.currency: expected a code of three capital letters"
+                " such as EUR, got '€'"
+            ),
+        ),
+        (
             "{label: Neither}",
             "{label: no}",
             (

@@ -1,13 +1,15 @@
-"""What tests of several rooms share: a study of one's own, and the time of day in hand."""
+"""What tests of several rooms share: a study of one's own, and the time of day in hand.
+
+`pytest --database postgresql` runs them on a PostgreSQL server of their own; those marked `sqlite`
+are about SQLite's files, and are left out then.
+"""
 
 from __future__ import annotations
 
 import os
-import shutil
-import sqlite3
+import tempfile
 from collections.abc import Callable, Hashable, Iterator
 from concurrent.futures import Future
-from contextlib import closing
 from datetime import UTC, datetime, timedelta
 from itertools import count
 from pathlib import Path
@@ -22,7 +24,8 @@ from app.services.background import Background
 from app.services.settings import Settings
 from app.services.studio import Studio, open_studio
 from app.storage.accounts import Account
-from app.storage.schema import migrate
+
+from .databases import Databases, PostgresServer, SqliteFiles
 
 T = TypeVar("T")
 
@@ -91,21 +94,56 @@ def background() -> Background:
     return Idle(1)
 
 
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--database", choices=["sqlite", "postgresql"], default="sqlite")
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    if config.getoption("--database") == "postgresql":
+        left_out = [item for item in items if item.get_closest_marker("sqlite")]
+        config.hook.pytest_deselected(items=left_out)
+        items[:] = [item for item in items if item not in left_out]
+
+
 @pytest.fixture(scope="session")
-def empty_database(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A database at the newest schema with nothing in it: migrated once, copied for each test."""
-    path = tmp_path_factory.mktemp("empty") / "pbpo.sqlite3"
-    migrate(f"sqlite:///{path}")
-    return path
+def databases(
+    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[Databases]:
+    """The kind of database that this run is about."""
+    on_postgres = request.config.getoption("--database") == "postgresql"
+    kind = PostgresServer if on_postgres else SqliteFiles
+    # A socket's path may not be longer than some 100 bytes.
+    with tempfile.TemporaryDirectory(prefix="pbpo-") as folder:
+        made = kind(Path(folder))
+        yield made
+        made.close()
+
+
+@pytest.fixture(autouse=True)
+def _on_this_runs_database(
+    request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> Iterator[None]:
+    """Whatever a test starts, in this process or another, finds its database by itself.
+
+    SQLite's file lies in the data folder by default; a PostgreSQL database is named.
+    """
+    if request.config.getoption("--database") != "postgresql":
+        yield
+        return
+    databases: PostgresServer = request.getfixturevalue("databases")
+    url = databases.new(tmp_path)
+    monkeypatch.setenv("PBPO_DATABASE_URL", url)
+    yield
+    databases.drop(url)
 
 
 @pytest.fixture
 def studio(
-    settings: Settings, clock: Clock, background: Background, empty_database: Path
+    settings: Settings, clock: Clock, background: Background, databases: Databases
 ) -> Iterator[Studio]:
     """A studio with nothing in it, which renders no videos."""
-    settings.data_dir.mkdir()
-    shutil.copyfile(empty_database, database_file(settings))
+    if not settings.database_url:
+        databases.new(settings.data_dir)
     # Seeds 1, 2, 3, ...: a test asks the same queries each time it runs.
     seed = count(1).__next__
     studio = open_studio(settings, now=clock.now, seed=seed, background=background)
@@ -159,28 +197,33 @@ def write_study(folder: Path, plan: str = SHORT_PLAN) -> Path:
 class StudyShelf:
     """Databases that hold one open study each: made once per plan, copied wherever wanted."""
 
-    def __init__(self, folder: Path, media_dir: Path) -> None:
+    def __init__(self, databases: Databases, folder: Path, media_dir: Path) -> None:
+        self._databases = databases
         self._folder = folder
         self._media_dir = media_dir
-        self._made: dict[str, Path] = {}
+        self._made: dict[str, str] = {}
 
     def put_into(self, studio: Studio, plan: str) -> None:
         """Replace what the studio's database holds by the open study of this plan."""
         with studio.database.read() as session:
             people = session.scalar(select(func.count(Account.id)))
             assert people == 0, "expected the study first: it takes the place of what is there"
-        copy_database(self._database(plan), database_file(studio.settings))
+        self._databases.copy(self._database(plan), studio.settings.url)
 
-    def _database(self, plan: str) -> Path:
+    def _database(self, plan: str) -> str:
         if plan not in self._made:
             place = self._folder / str(len(self._made))
-            settings = Settings(data_dir=place / "data", media_dir=self._media_dir)
+            settings = Settings(
+                data_dir=place / "data",
+                media_dir=self._media_dir,
+                database_url=self._databases.new(place / "data"),
+            )
             folder = studies.load_folder(str(write_study(place / "study", plan)))
             studio = open_studio(settings, now=Clock().now, background=Idle(1))
             studies.create(studio, folder)
             studies.open_study(studio, folder.plan.slug)
             studio.close()
-            self._made[plan] = database_file(settings)
+            self._made[plan] = settings.url
         return self._made[plan]
 
 
@@ -188,15 +231,11 @@ def database_file(settings: Settings) -> Path:
     return settings.data_dir / "pbpo.sqlite3"
 
 
-def copy_database(source: Path, target: Path) -> None:
-    """Replace what a database holds by what another one does; either may be open."""
-    with closing(sqlite3.connect(source)) as read, closing(sqlite3.connect(target)) as written:
-        read.backup(written)
-
-
 @pytest.fixture(scope="session")
-def study_shelf(tmp_path_factory: pytest.TempPathFactory, media_dir: Path) -> StudyShelf:
-    return StudyShelf(tmp_path_factory.mktemp("studies"), media_dir)
+def study_shelf(
+    databases: Databases, tmp_path_factory: pytest.TempPathFactory, media_dir: Path
+) -> StudyShelf:
+    return StudyShelf(databases, tmp_path_factory.mktemp("studies"), media_dir)
 
 
 @pytest.fixture

@@ -116,6 +116,7 @@ def test_the_api_takes_the_token_of_a_link(client: Api, studio: Studio, study: S
     assert client.post(path, json={"mode": "preview"}).status_code == 201
 
 
+@pytest.mark.sqlite
 def test_the_token_is_nowhere_in_the_database(
     client: Api, studio: Studio, study: StudyInfo
 ) -> None:

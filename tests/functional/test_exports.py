@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 import zipfile
 from dataclasses import dataclass, field
-from pathlib import Path
 
 import pandas as pd
 import pytest
@@ -13,7 +12,8 @@ import pytest
 from app.services import accounts
 from app.services.studies import StudyInfo
 from app.services.studio import Studio
-from tests.conftest import Clock, StudyShelf, copy_database, database_file
+from tests.conftest import Clock, StudyShelf
+from tests.databases import Databases
 
 from .client import Api, Pressed, by_turns
 from .conftest import EMAIL, LEARNING_PLAN, PASSWORD
@@ -65,22 +65,27 @@ class Walked:
 class Kept:
     """The walk, made by the first test that needs it: its database is copied for the others."""
 
-    database: Path
+    database: str
     api_token: str = ""
     pressed: list[Pressed] = field(default_factory=list)
 
 
 @pytest.fixture(scope="module")
-def kept(tmp_path_factory: pytest.TempPathFactory) -> Kept:
-    return Kept(tmp_path_factory.mktemp("walked") / "pbpo.sqlite3")
+def kept(databases: Databases, tmp_path_factory: pytest.TempPathFactory) -> Kept:
+    return Kept(databases.new(tmp_path_factory.mktemp("walked")))
 
 
 @pytest.fixture
 def walked(
-    client: Api, studio: Studio, study_shelf: StudyShelf, clock: Clock, kept: Kept
+    client: Api,
+    studio: Studio,
+    databases: Databases,
+    study_shelf: StudyShelf,
+    clock: Clock,
+    kept: Kept,
 ) -> Walked:
     if kept.pressed:
-        copy_database(kept.database, database_file(studio.settings))
+        databases.copy(kept.database, studio.settings.url)
     else:
         study_shelf.put_into(studio, LEARNING_PLAN)
         kept.api_token = accounts.create_api_token(
@@ -89,7 +94,7 @@ def walked(
         session = client.start(external_ids={"PROLIFIC_PID": PLATFORM_ID, "note": "=1+1"})
         choose = by_turns("skip", "left", "right", "skip", "left")
         kept.pressed = session.to_the_end(choose, clock.forward)
-        copy_database(database_file(studio.settings), kept.database)
+        databases.copy(studio.settings.url, kept.database)
     return Walked(client, kept.api_token, kept.pressed)
 
 

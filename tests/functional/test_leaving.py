@@ -94,6 +94,7 @@ def test_exports_made_afterwards_hold_nothing_of_the_person(
     assert deletions.to_numpy().tolist() == [["short", "live", "query", "2026-03-01T00:00:00.000Z"]]
 
 
+@pytest.mark.sqlite
 def test_nothing_of_the_person_is_left_in_the_files_of_the_database(
     studio: Studio, person: Session
 ) -> None:
@@ -188,6 +189,7 @@ def test_a_receipt_of_another_study_or_of_nobody_deletes_nothing(
     assert rows_of_people(studio) == {"participants": 1, "sessions": 1}
 
 
+@pytest.mark.sqlite
 def test_the_database_keeps_neither_token_nor_receipt(
     client: Api, studio: Studio, short_study: StudyInfo
 ) -> None:

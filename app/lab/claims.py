@@ -11,8 +11,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from app.figures.looks import label
+from app.statistics.comparisons import Comparison, compare, p_value
 
-from .comparisons import Comparison, compare
 from .results import Results
 
 
@@ -102,14 +102,6 @@ def described(found: Comparison) -> str:
         f"difference {found.difference:+.1f} [{found.low:+.1f}, {found.high:+.1f}], "
         f"p {p_value(found.p)}, g = {found.effect:+.2f}"
     )
-
-
-def p_value(p: float) -> str:
-    """A p-value as it is printed: "= .012", "< .0001"."""
-    if p < 0.0001:
-        return "< .0001"
-    digits = 3 if p >= 0.001 else 4
-    return "= " + f"{p:.{digits}f}".removeprefix("0")
 
 
 def mean(values: Sequence[float]) -> float:

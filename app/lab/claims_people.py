@@ -12,9 +12,9 @@ from typing import Final
 import numpy as np
 
 from app.figures.looks import label
+from app.statistics.comparisons import compare
 
 from .claims import Claim, Pair, alike, better, described, mean
-from .comparisons import compare
 from .experiments import CONVERGED_CRANE_RUNS, ENVIRONMENTS, SHARED_CRANE_RUNS
 from .plates import SCORED, belief, best_and_worst, final, shown_runs
 from .results import Results

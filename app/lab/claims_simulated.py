@@ -17,9 +17,9 @@ from app.crane.landscape import (
     landscape,
 )
 from app.figures.looks import label
+from app.statistics.comparisons import interquartile_range
 
 from .claims import Claim, Pair, alike, better
-from .comparisons import interquartile_range
 from .experiments import ENVIRONMENTS, VIOLIN_QUERIES
 from .results import Results
 

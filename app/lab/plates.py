@@ -9,8 +9,8 @@ from typing import Any, Final, TypeAlias
 from app.figures import Row, boxes, counts, maps, mean_curves, violins
 from app.figures.looks import label
 from app.pbbo import PreferenceOptimizer, ScoreOptimizer
+from app.statistics.comparisons import compare
 
-from .comparisons import compare
 from .experiments import (
     CONVERGED_CRANE_RUNS,
     ENVIRONMENTS,

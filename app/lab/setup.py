@@ -8,9 +8,9 @@ import numpy as np
 
 from app.figures.looks import label
 from app.pbbo import ENGINE_VERSION, PRESETS, SCORE_PRESETS
+from app.statistics.comparisons import compare, interquartile_range
 
 from .claims import described
-from .comparisons import compare, interquartile_range
 from .evaluators import ETA
 from .experiments import (
     CONVERGED_CRANE_RUNS,

@@ -13,11 +13,12 @@ import app
 ROOT = Path(app.__file__).parent
 
 #: What each room may import. A room may always import itself.
-GROUND: frozenset[str] = frozenset({"pbbo", "crane", "study"})
+GROUND: frozenset[str] = frozenset({"pbbo", "crane", "study", "statistics"})
 ALLOWED: dict[str, frozenset[str]] = {
     "pbbo": frozenset(),
     "crane": frozenset(),
     "study": frozenset(),
+    "statistics": frozenset(),
     "figures": frozenset(),
     "lab": GROUND | {"figures"},
     "storage": frozenset({"study"}),

@@ -1,4 +1,4 @@
-"""Tests between two methods: the paper's two-sample t-test, and how large the difference is."""
+"""Tests between two samples: the paper's two-sample t-test, and how large the difference is."""
 
 from __future__ import annotations
 
@@ -7,9 +7,8 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import special
-
-from app.crane.environments import FloatArray
 
 #: Levels of the paper's stars (Fig. 11, 13 and 17), strictest first.
 STARS: Final = ((0.01, "**"), (0.05, "*"))
@@ -76,7 +75,7 @@ def compare(first: Sequence[float], second: Sequence[float]) -> Comparison:
     )
 
 
-def _welch_half_width(a: FloatArray, b: FloatArray) -> float:
+def _welch_half_width(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
     """Half of the 95 % interval of the difference of two means, their variances unequal."""
     # Not scipy.stats: it warns where one sample never varies, as that of a method that always
     # finds the optimum, and takes half a second to load.
@@ -84,6 +83,14 @@ def _welch_half_width(a: FloatArray, b: FloatArray) -> float:
     error = float(shares.sum())
     freedom = error**2 / float((shares**2 / np.array([len(a) - 1, len(b) - 1])).sum())
     return float(special.stdtrit(freedom, 0.975) * np.sqrt(error))
+
+
+def p_value(p: float) -> str:
+    """A p-value as it is printed: "= .012", "< .0001"."""
+    if p < 0.0001:
+        return "< .0001"
+    digits = 3 if p >= 0.001 else 4
+    return "= " + f"{p:.{digits}f}".removeprefix("0")
 
 
 def interquartile_range(values: Sequence[float]) -> float:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from app.lab.comparisons import SampleError, compare, interquartile_range
+from app.statistics.comparisons import SampleError, compare, interquartile_range
 
 # Student's own sleep data (1908), as if unpaired: the two-sample results are in every textbook.
 FIRST = [0.7, -1.6, -0.2, -1.2, -0.1, 3.4, 3.7, 0.8, 0.0, 2.0]

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from app.pbbo.prior import Prior
 
 # Part of every recorded query. Raise it whenever the same history and seed may give another query.
-ENGINE_VERSION = "1"
+ENGINE_VERSION = "2"
 
 # Means this close, in prior standard deviations, differ by rounding alone.
 TIE = 1e-9

@@ -24,32 +24,38 @@ from math import ceil, isfinite, log, sqrt
 from typing import Final, NamedTuple
 
 import numpy as np
-from scipy.linalg import lapack
+from scipy.linalg import blas, lapack
 
 from app.pbbo.candidates import FloatArray
 from app.pbbo.errors import FitError
 from app.pbbo.krylov import gmres
 from app.pbbo.probit import expectations
 
-# The first stage's scale as a share of the prior's widest standard deviation. From 0.1 to 1 all
-# work, and the fewer stages the better.
-FIRST_SCALE: Final = 0.15
+# The first stage's scale as a share of the prior's widest standard deviation, and its sites as
+# multiples of the prior's precision of what an answer sees. Larger scales need more stages, much
+# smaller ones more steps in the first.
+FIRST_SCALE: Final = 0.07
+FIRST_SITE: Final = 2.0
 # Ratio of the scales of successive stages, and the one for a second try where the first stalls. 4
 # to 6 need the fewest steps in total.
 STAGE_RATIO: Final = 5.0
 CAUTIOUS_RATIO: Final = 1.7
-# Most a site's growth from one stage to the next is trusted for the one after.
-LARGEST_GROWTH: Final = 4.0
+# With which power of 1 / scale a site grows. With the square where the likelihood is a parabola for
+# all that q knows, as between contradictory answers, and then for good; elsewhere, as measured on
+# many histories, the more slowly the smaller a share of the largest it is (`growth_of`).
+FASTEST_GROWTH: Final = 2.0
+SLOWEST_FAST: Final = 1.4
+SLOW_GROWTH: Final = 1.3
 # Stages before the last need no more than a start for the next.
-ROUGH: Final = 0.3
+ROUGH: Final = 0.6
 # On the last: about how far a mean may lie from its optimum, in posterior standard deviations.
 TOLERANCE: Final = 1e-5
 # A fit that stalls in rounding noise is still a fit if it stalls this close.
 ACCEPTABLE: Final = 3e-2
 STEPS: Final = 60
-# The mean alone is moved until Newton's method promises no more than this of the bound: with the
-# mean further off than that, joint steps go astray.
-MEAN_GAIN: Final = 0.01
+# The mean alone is moved until Newton's method promises no more than this of the bound, and then
+# once more: with the mean further off, joint steps go astray.
+MEAN_GAIN: Final = 0.3
 MEAN_STEPS: Final = 8
 # Relative change of the bound that rounding alone can cause.
 ROUNDING: Final = 1e-9
@@ -133,25 +139,37 @@ def fit_in_stages(answers: Answers, prior_variance: FloatArray, ratio: float) ->
     """The fit at falling scales, each started from the one before; prior_variance: (m,)."""
     floor = NEGLIGIBLE / prior_variance
     mean = np.zeros(answers.features.shape[1])
-    sites = 0.5 / prior_variance
-    before = sites
+    sites = FIRST_SITE / prior_variance
+    grown = np.zeros_like(sites)
     scales = stages(FIRST_SCALE * sqrt(float(prior_variance.max())), answers.scale, ratio)
     for number, scale in enumerate(scales):
         stage = Answers(answers.features, answers.counts, scale)
         start = sites
-        if number >= 2:
-            # Sites follow a power of the scale from stage to stage.
-            growth = np.clip(
-                (sites + floor) / (before + floor), 1.0 / LARGEST_GROWTH, LARGEST_GROWTH
-            )
-            start = np.maximum((sites + floor) * growth - floor, 0.0)
-        before = sites
+        if number > 0:
+            fall = log(scales[number - 1] / scale)
+            share = sites * scales[number - 1] ** 2 / answers.counts
+            start = sites * np.exp(fall * growth_of(share, grown))
         start = np.minimum(start, largest_sites(stage))
-        mean = move_mean(stage, mean, start)
+        known = widths(stage.features, start)
+        if known is not None:
+            mean = move_mean(stage, mean, known.variance)
         last = number == len(scales) - 1
-        state = ascend(stage, mean, start, floor, TOLERANCE if last else ROUGH, strict=last)
-        mean, sites = state.q.mean, state.q.sites
+        tolerance = TOLERANCE if last else ROUGH
+        state = ascend(stage, evaluate(stage, mean, start, known), floor, tolerance, strict=last)
+        mean = state.q.mean
+        if number > 0:
+            grown = np.log((state.q.sites + floor) / (sites + floor)) / fall
+        sites = state.q.sites
     return state.q
+
+
+def growth_of(share: FloatArray, before: FloatArray) -> FloatArray:
+    """With which power of the falling scale a site will grow, from what is known; (m,).
+
+    share: of the largest a site can be, -E[l''] of one answer.  before: the last stage's power.
+    """
+    slow = np.minimum(SLOW_GROWTH / -np.log(np.clip(share, 1e-300, 0.9)), FASTEST_GROWTH)
+    return np.where(before > SLOWEST_FAST, FASTEST_GROWTH, slow)
 
 
 def stages(first: float, scale: float, ratio: float) -> list[float]:
@@ -165,33 +183,46 @@ def largest_sites(answers: Answers) -> FloatArray:
     return np.asarray(answers.counts / answers.scale**2)
 
 
-def factor(precision: FloatArray) -> FloatArray | None:
-    """Lower Cholesky factor, or None where rounding leaves none."""
-    root, info = lapack.dpotrf(precision, lower=1, clean=1)
+def factor(features: FloatArray, sites: FloatArray) -> FloatArray | None:
+    """Lower Cholesky factor of I + X' diag(sites) X, (r, r); None where rounding leaves none."""
+    scaled = (features * np.sqrt(sites)[:, None]).T
+    # Only the lower triangle is computed; the upper one stays that of the identity, which is none.
+    identity = np.eye(len(scaled), order="F")
+    precision = blas.dsyrk(1.0, scaled, beta=1.0, c=identity, lower=1, overwrite_c=1)
+    root, info = lapack.dpotrf(precision, lower=1, clean=0, overwrite_a=1)
     return root if info == 0 else None
 
 
-def precision_of(features: FloatArray, sites: FloatArray) -> FloatArray:
-    """I + X' diag(sites) X; (r, r)."""
-    scaled = features * np.sqrt(sites)[:, None]
-    precision = scaled.T @ scaled
-    precision.flat[:: len(precision) + 1] += 1.0
-    return precision
+class Widths(NamedTuple):
+    """q's covariance: the precision's lower root (r, r), and what follows from it of what the
+    answers see, the spread (r, m) and the variance (m,); see `State`."""
+
+    root: FloatArray
+    spread: FloatArray
+    variance: FloatArray
 
 
-def widths(features: FloatArray, root: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """The spread (r, m) and variance (m,) of what the answers see, the precision's root given."""
-    spread, _ = lapack.dtrtrs(root, features.T, lower=1)
-    return spread, np.einsum("ij,ij->j", spread, spread)
-
-
-def evaluate(answers: Answers, mean: FloatArray, sites: FloatArray) -> State | None:
-    """The bound and its derivatives at (mean, sites); None where they are not finite."""
-    features, counts, scale = answers.features, answers.counts, answers.scale
-    root = factor(precision_of(features, sites))
+def widths(features: FloatArray, sites: FloatArray) -> Widths | None:
+    """The covariance that these sites give, or None where rounding leaves none."""
+    root = factor(features, sites)
     if root is None:
         return None
-    spread, variance = widths(features, root)
+    spread, _ = lapack.dtrtrs(root, features.T, lower=1)
+    return Widths(root, spread, np.einsum("ij,ij->j", spread, spread))
+
+
+def evaluate(
+    answers: Answers, mean: FloatArray, sites: FloatArray, known: Widths | None = None
+) -> State | None:
+    """The bound and its derivatives at (mean, sites); None where they are not finite.
+
+    known: the covariance at these sites, where it is.
+    """
+    features, counts, scale = answers.features, answers.counts, answers.scale
+    known = known or widths(features, sites)
+    if known is None:
+        return None
+    root, spread, variance = known
     e = expectations(features @ mean / scale, np.sqrt(variance) / scale)
     divergence = 2.0 * np.log(root.diagonal()).sum() - sites @ variance + mean @ mean
     bound = float(counts @ e.value - 0.5 * divergence)
@@ -211,25 +242,23 @@ def evaluate(answers: Answers, mean: FloatArray, sites: FloatArray) -> State | N
     )
 
 
-def move_mean(answers: Answers, mean: FloatArray, sites: FloatArray) -> FloatArray:
-    """The best mean for the covariance that `sites` give: Newton on a concave function."""
+def move_mean(answers: Answers, mean: FloatArray, variance: FloatArray) -> FloatArray:
+    """The best mean while what the answers see has this variance: Newton on a concave function."""
     features, scale = answers.features, answers.scale
     weight = answers.counts / scale
-    root = factor(precision_of(features, sites))
-    if root is None:
-        return mean
-    width = np.sqrt(widths(features, root)[1]) / scale
+    width = np.sqrt(variance) / scale
 
     e = expectations(features @ mean / scale, width)
     value = float(answers.counts @ e.value - 0.5 * mean @ mean)
     for _ in range(MEAN_STEPS):
         gradient = (weight * e.slope) @ features - mean
-        bend = factor(precision_of(features, weight / scale * e.curvature))
+        bend = factor(features, weight / scale * e.curvature)
         if bend is None:
             return mean
         step, _ = lapack.dpotrs(bend, gradient, lower=1)
         if float(step @ gradient) < MEAN_GAIN:
-            return mean
+            # So near, a full step of Newton's method on a concave function needs no second look.
+            return np.asarray(mean + step)
         for shortenings in range(8):
             tried = mean + step * 0.4**shortenings
             at = expectations(features @ tried / scale, width)
@@ -243,18 +272,11 @@ def move_mean(answers: Answers, mean: FloatArray, sites: FloatArray) -> FloatArr
 
 
 def ascend(
-    answers: Answers,
-    mean: FloatArray,
-    sites: FloatArray,
-    floor: FloatArray,
-    tolerance: float,
-    *,
-    strict: bool,
+    answers: Answers, state: State | None, floor: FloatArray, tolerance: float, *, strict: bool
 ) -> State:
     """Newton steps, each of which must raise the bound, until the residual is below tolerance."""
-    state = evaluate(answers, mean, sites)
     if state is None:
-        state = evaluate(answers, np.zeros_like(mean), floor)
+        state = evaluate(answers, np.zeros(answers.features.shape[1]), floor)
     if state is None:
         raise FitError(f"fit: the bound is not finite at scale {answers.scale:g}")
     best = residual(state, floor)
@@ -269,7 +291,7 @@ def ascend(
     if strict and not best < ACCEPTABLE:
         raise FitError(
             f"fit: expected a residual below {ACCEPTABLE:g} after {STEPS} steps, got {best:g} "
-            f"({len(sites)} different answers, scale {answers.scale:g})"
+            f"({len(answers.counts)} different answers, scale {answers.scale:g})"
         )
     return state
 
@@ -289,7 +311,7 @@ def newton_step(answers: Answers, state: State, floor: FloatArray, error: float)
     held = state.q.sites + floor
     wanted = state.curvature + floor
     # With the covariance at hand in place of the one aimed for, steps go astray.
-    root = factor(precision_of(features, state.curvature))
+    root = factor(features, state.curvature)
     if root is None:
         return None
     ahead, _ = lapack.dtrtrs(root, features.T, lower=1)
@@ -304,7 +326,9 @@ def newton_step(answers: Answers, state: State, floor: FloatArray, error: float)
     pull = state.gradient - 0.5 * ((state.third * fall) @ features)
     mean_step, _ = lapack.dpotrs(root, pull, lower=1)
 
-    length = min(1.0, LONGEST_STEP / max(float(np.abs(log_step).max()), 1e-300))
+    # Each site by itself: one that goes far is often one that is to vanish, and of no consequence.
+    log_step = np.clip(log_step, -LONGEST_STEP, LONGEST_STEP)
+    length = 1.0
     cap = largest_sites(answers)
     for _ in range(6):
         sites = np.clip(held * np.exp(length * log_step) - floor, 0.0, cap)
@@ -382,7 +406,7 @@ def natural_step(answers: Answers, state: State) -> State | None:
     damping = 0.5
     for _ in range(8):
         sites = (1.0 - damping) * state.q.sites + damping * state.curvature
-        root = factor(precision_of(features, sites))
+        root = factor(features, sites)
         if root is not None:
             blend = (1.0 - damping) * natural + damping * target
             mean, _ = lapack.dpotrs(root, blend, lower=1)

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
-from sqlalchemy import Select, select
+from sqlalchemy import ColumnElement, Select, select
 from sqlalchemy.orm import Session
 
 from app.services.studies import StudyInfo
@@ -90,10 +90,13 @@ def parameters(plan: Plan, prefix: str, whose: str) -> tuple[Column, ...]:
     )
 
 
+def sessions_of(request: Request) -> tuple[ColumnElement[bool], ...]:
+    """What holds for the sessions that are asked for."""
+    return SessionRow.study_id == request.study.id, SessionRow.mode.in_(request.modes)
+
+
 def of_sessions(statement: Select[*tuple[Any, ...]], request: Request) -> Select[*tuple[Any, ...]]:
-    return statement.where(
-        SessionRow.study_id == request.study.id, SessionRow.mode.in_(request.modes)
-    )
+    return statement.where(*sessions_of(request))
 
 
 def fetch(session: Session, statement: Select[*tuple[Any, ...]]) -> Iterator[Any]:

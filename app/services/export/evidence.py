@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from sqlalchemy import and_, select
-from sqlalchemy.orm import Session, aliased
+from sqlalchemy import select
+from sqlalchemy.orm import Session
 
-from app.services.attention import GOOD_SIDE
-from app.storage.tables import QueryRow, Response, SessionRow, Trial, UndoneResponse
-from app.study.checks import Kind
+from app.services.check_outcomes import check_outcomes
+from app.storage.tables import QueryRow, SessionRow, Trial, UndoneResponse
 from app.study.plan import Plan
 
 from .columns import (
@@ -27,6 +26,7 @@ from .columns import (
     number,
     of_sessions,
     recording_names,
+    sessions_of,
     text,
 )
 
@@ -96,48 +96,17 @@ def _checks_columns(_plan: Plan) -> tuple[Column, ...]:
 
 
 def _checks_rows(session: Session, request: Request) -> Iterator[Row]:
-    earlier, before = aliased(QueryRow), aliased(Response)
-    statement = of_sessions(
-        select(SessionRow.public_id, Trial.trial_index, QueryRow, Response, before.response)
-        .join(Trial, QueryRow.trial_id == Trial.id)
-        .join(SessionRow, Trial.session_id == SessionRow.id)
-        .outerjoin(Response, Response.query_id == QueryRow.id)
-        .outerjoin(
-            earlier,
-            and_(
-                earlier.trial_id == QueryRow.trial_id,
-                earlier.query_index == QueryRow.repeats_query_index,
-                earlier.set_aside_at.is_(None),
-            ),
-        )
-        .outerjoin(before, before.query_id == earlier.id)
-        .where(
-            QueryRow.trial_type.in_([Kind.REPEAT.value, Kind.ATTENTION.value]),
-            QueryRow.set_aside_at.is_(None),
-        ),
-        request,
-    ).order_by(SessionRow.id, Trial.trial_index, QueryRow.query_index)
-    good_side = {name: side for side, name in GOOD_SIDE.items()}
-    for public_id, trial_index, query, response, before_response in fetch(session, statement):
-        if query.trial_type == Kind.ATTENTION:
-            expected = good_side.get(query.acquisition)
-        else:
-            expected = _ON_THE_OTHER_SIDE.get(before_response)
-        pressed = response.response if response else None
+    for outcome in check_outcomes(session, *sessions_of(request)):
         yield (
-            public_id,
-            trial_index,
-            query.query_index,
-            query.trial_type,
-            query.repeats_query_index,
-            expected,
-            pressed,
-            pressed == expected if pressed and expected else None,
+            outcome.session_id,
+            outcome.trial_index,
+            outcome.query_index,
+            outcome.kind,
+            outcome.repeats,
+            outcome.expected,
+            outcome.response,
+            outcome.passed,
         )
-
-
-#: What agrees with an earlier response when the sides are swapped.
-_ON_THE_OTHER_SIDE = {"left": "right", "right": "left", "skip": "skip"}
 
 
 CHECKS = Table(

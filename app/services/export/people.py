@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
+from app.services import quality
 from app.services.questionnaires import AT_THE_END_INDEX
 from app.services.studies import stored_plan
 from app.storage.arrivals import Tombstone
@@ -39,6 +40,8 @@ from .columns import (
     text,
 )
 
+_FLAGS = " ".join(f"{flag}: {rule}" for flag, rule in quality.RULES.items())
+
 
 def _sessions_columns(_plan: Plan) -> tuple[Column, ...]:
     return (
@@ -62,6 +65,7 @@ def _sessions_columns(_plan: Plan) -> tuple[Column, ...]:
         moment("consented_at", "When the participant agreed."),
         moment("last_seen_at", "When the session last did anything."),
         moment("ended_at", "When it was completed, or left."),
+        text("flags", "What was noticed of its answers, with '; ' between: " + _FLAGS),
     )
 
 
@@ -72,6 +76,7 @@ def _sessions_rows(session: Session, request: Request) -> Iterator[Row]:
         .group_by(Trial.session_id)
         .subquery()
     )
+    noticed = quality.flags(session, request.study.id, request.modes)
     statement = of_sessions(
         select(SessionRow, Participant.pseudonym, PlanVersion, finished.c.finished)
         .join(Participant, SessionRow.participant_id == Participant.id)
@@ -101,6 +106,7 @@ def _sessions_rows(session: Session, request: Request) -> Iterator[Row]:
             row.consented_at,
             row.last_seen_at,
             row.ended_at,
+            "; ".join(noticed.get(row.id, ())),
         )
 
 

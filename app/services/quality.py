@@ -1,0 +1,217 @@
+"""How far a session's answers can be relied on: flags, defined once for pages and exports.
+
+A flag says that somebody should look, and nothing more: no session is left out because of one.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter, defaultdict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from itertools import groupby
+from operator import itemgetter
+from types import MappingProxyType
+from typing import Any, Final
+
+from sqlalchemy import ColumnElement, case, func, select
+from sqlalchemy.orm import Session
+
+from app.storage.tables import Event, QueryRow, Response, SessionRow, Trial
+
+from .check_outcomes import check_outcomes
+
+
+class Flag(StrEnum):
+    """What was noticed."""
+
+    FAST = "fast"
+    ONE_SIDED = "one-sided"
+    FAILED_CHECKS = "failed-checks"
+    UNWATCHED = "unwatched"
+    FAULTS = "faults"
+
+
+#: Two videos have hardly begun to differ by then, and a choice takes some 300 ms by itself.
+FAST_MS: Final = 1_500
+#: One in four happens to nobody who looks at the videos.
+FAST_SHARE: Final = 0.25
+#: Of ten choices at random, nine or more on one side come in 2 sessions of 100.
+ONE_SIDED_SHARE: Final = 0.9
+FAILED_SHARE: Final = 0.25
+#: Less than half of a video was seen, in one answer of four.
+WATCHED_PART: Final = 0.5
+UNWATCHED_SHARE: Final = 0.25
+#: With fewer answers, or fewer checks, a share says nothing.
+FEWEST_ANSWERS: Final = 10
+FEWEST_CHECKS: Final = 2
+
+LABELS: Final[Mapping[Flag, str]] = MappingProxyType(
+    {
+        Flag.FAST: "Fast answers",
+        Flag.ONE_SIDED: "One-sided answers",
+        Flag.FAILED_CHECKS: "Failed checks",
+        Flag.UNWATCHED: "Unwatched videos",
+        Flag.FAULTS: "Technical faults",
+    }
+)
+#: When each is raised, for those who read it.
+RULES: Final[Mapping[Flag, str]] = MappingProxyType(
+    {
+        Flag.FAST: f"{FAST_SHARE:.0%} of the answers or more came within {FAST_MS / 1000:g} s of"
+        f" both videos having begun; from {FEWEST_ANSWERS} answers on.",
+        Flag.ONE_SIDED: f"{ONE_SIDED_SHARE:.0%} of the choices or more were on one side;"
+        f" from {FEWEST_ANSWERS} choices on. Skips do not count.",
+        Flag.FAILED_CHECKS: f"More than {FAILED_SHARE:.0%} of the attention checks were failed,"
+        f" or more than half of the repeats were answered differently; from {FEWEST_CHECKS} on.",
+        Flag.UNWATCHED: f"In {UNWATCHED_SHARE:.0%} of the answers or more, less than half of one"
+        f" of the videos had been played; from {FEWEST_ANSWERS} answers on.",
+        Flag.FAULTS: "At least one pair was set aside because a video did not play.",
+    }
+)
+
+#: What the server adds when what was seen so far does not belong to the answer that stays.
+_CLOSINGS: Final = ("set_aside", "undone")
+#: Rows fetched at a time.
+_BATCH: Final = 1_000
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What is counted of one session's trials, the practice left out."""
+
+    answers: int = 0
+    timed: int = 0
+    fast: int = 0
+    left: int = 0
+    right: int = 0
+    attention: int = 0
+    attention_failed: int = 0
+    repeats: int = 0
+    repeats_failed: int = 0
+    told: int = 0
+    unwatched: int = 0
+    set_aside: int = 0
+
+
+def flags_of(evidence: Evidence) -> tuple[Flag, ...]:
+    """The flags that this evidence raises, in their order."""
+    choices = evidence.left + evidence.right
+    raised = {
+        Flag.FAST: _share(evidence.fast, evidence.timed, FEWEST_ANSWERS) >= FAST_SHARE,
+        Flag.ONE_SIDED: _share(max(evidence.left, evidence.right), choices, FEWEST_ANSWERS)
+        >= ONE_SIDED_SHARE,
+        Flag.FAILED_CHECKS: _share(evidence.attention_failed, evidence.attention, FEWEST_CHECKS)
+        > FAILED_SHARE
+        or _share(evidence.repeats_failed, evidence.repeats, FEWEST_CHECKS) > 0.5,
+        Flag.UNWATCHED: _share(evidence.unwatched, evidence.told, FEWEST_ANSWERS)
+        >= UNWATCHED_SHARE,
+        Flag.FAULTS: evidence.set_aside > 0,
+    }
+    return tuple(flag for flag in Flag if raised[flag])
+
+
+def flags(session: Session, study_id: int, modes: Sequence[str]) -> Mapping[int, tuple[Flag, ...]]:
+    """The flags of each session of a study in these modes, by its key in the database.
+
+    A session that nothing is known of is not in it.
+    """
+    of = (SessionRow.study_id == study_id, SessionRow.mode.in_(modes))
+    counted: dict[int, Counter[str]] = defaultdict(Counter)
+    for part in (_answers, _checks, _watching, _faults):
+        part(session, of, counted)
+    return {key: flags_of(Evidence(**found)) for key, found in counted.items()}
+
+
+_Of = tuple[ColumnElement[bool], ...]
+_Counted = dict[int, Counter[str]]
+
+
+def _answers(session: Session, of: _Of, counted: _Counted) -> None:
+    statement = (
+        select(
+            Trial.session_id,
+            func.count(Response.id).label("answers"),
+            func.count(Response.rt_ms).label("timed"),
+            func.sum(case((Response.rt_ms < FAST_MS, 1), else_=0)).label("fast"),
+            func.sum(case((Response.response == "left", 1), else_=0)).label("left"),
+            func.sum(case((Response.response == "right", 1), else_=0)).label("right"),
+        )
+        .select_from(SessionRow)
+        .join(Trial, Trial.session_id == SessionRow.id)
+        .join(QueryRow, QueryRow.trial_id == Trial.id)
+        .join(Response, Response.query_id == QueryRow.id)
+        .where(Trial.trial_index >= 0, *of)
+        .group_by(Trial.session_id)
+    )
+    for row in session.execute(statement).mappings():
+        numbers = {name: int(value) for name, value in row.items() if name != "session_id"}
+        counted[row["session_id"]].update(numbers)
+
+
+def _checks(session: Session, of: _Of, counted: _Counted) -> None:
+    for outcome in check_outcomes(session, *of):
+        if outcome.passed is not None:
+            name = "repeats" if outcome.repeats is not None else "attention"
+            counted[outcome.session_key][name] += 1
+            counted[outcome.session_key][f"{name}_failed"] += not outcome.passed
+
+
+def _watching(session: Session, of: _Of, counted: _Counted) -> None:
+    """What the browser last told, at each place, of how much of each video was played."""
+    place = (Event.session_id, Event.trial_index, Event.query_index)
+    closed: dict[tuple[int, ...], int] = {
+        tuple(at): last
+        for *at, last in session.execute(
+            select(*place, func.max(Event.id))
+            .join(SessionRow, Event.session_id == SessionRow.id)
+            .where(Event.event.in_(_CLOSINGS), *of)
+            .group_by(*place)
+        )
+    }
+    told: Any = session.execute(
+        select(*place, Event.id, Event.side, Event.value)
+        .join(SessionRow, Event.session_id == SessionRow.id)
+        .where(Event.event == "watched", Event.trial_index >= 0, *of)
+        .order_by(Event.session_id, Event.id)
+        .execution_options(yield_per=_BATCH)
+    )
+    for session_key, rows in groupby(told, key=itemgetter(0)):
+        seen: dict[tuple[int, ...], dict[str | None, float]] = {}
+        for _, trial, query, key, side, value in rows:
+            at = (session_key, trial, query)
+            part = _part(value)
+            if part is not None and key > closed.get(at, -1):
+                # In the order of their keys: of each side the last one stays.
+                seen.setdefault(at, {})[side] = part
+        counted[session_key]["told"] += len(seen)
+        counted[session_key]["unwatched"] += sum(
+            min(parts.values()) < WATCHED_PART for parts in seen.values()
+        )
+
+
+def _faults(session: Session, of: _Of, counted: _Counted) -> None:
+    statement = (
+        select(Trial.session_id, func.count(QueryRow.id))
+        .select_from(SessionRow)
+        .join(Trial, Trial.session_id == SessionRow.id)
+        .join(QueryRow, QueryRow.trial_id == Trial.id)
+        .where(QueryRow.set_aside_at.is_not(None), Trial.trial_index >= 0, *of)
+        .group_by(Trial.session_id)
+    )
+    for key, number in session.execute(statement):
+        counted[key]["set_aside"] += number
+
+
+def _share(part: int, whole: int, fewest: int) -> float:
+    return part / whole if whole >= fewest else 0.0
+
+
+def _part(value: str | None) -> float | None:
+    """A part from 0 to 1; any program may have sent any text."""
+    try:
+        part = float(value or "")
+    except ValueError:
+        return None
+    return part if math.isfinite(part) else None

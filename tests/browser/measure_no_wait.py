@@ -1,7 +1,7 @@
 """How long evaluators wait between a response and the next pair: `make no-wait`.
 
 A real Chromium goes through the shipped `waste-crane` study on a server of its own, with the breaks
-left out, looks at each pair for as long as a person would, and answers by key. What is measured is
+cut short, looks at each pair for as long as a person would, and answers by key. What is measured is
 the time from the press to the moment when both new videos show a moving frame.
 """
 
@@ -134,11 +134,11 @@ def _options() -> argparse.Namespace:
 
 
 def _server(folder: Path, media_dir: Path) -> Server:
-    """A server with the shipped study opened; only the breaks are left out."""
+    """A server with the shipped study opened; only its breaks are cut short."""
     study = folder / "study"
     shutil.copytree(resolve(STUDY), study)
     plan = study / "study.yaml"
-    plan.write_text(plan.read_text(encoding="utf-8").replace("break_s: 120", "break_s: 0"))
+    plan.write_text(plan.read_text(encoding="utf-8").replace("break_s: 120", "break_s: 1"))
     studio = open_studio(Settings(data_dir=folder / "data", media_dir=media_dir))
     studies.create(studio, studies.load_folder(str(study)))
     studies.open_study(studio, STUDY)
@@ -170,13 +170,13 @@ def _session(
         _throttle(page, options.mbit_s, options.latency_ms)
     page.goto(f"{server.url}/s/{STUDY}")
     for step in ("consent", "continue", "continue"):
-        with page.expect_navigation():
+        with page.expect_navigation(wait_until="commit"):
             page.get_by_test_id(step).click()
     waits: list[float] = []
     while len(waits) < wanted and page.get_by_test_id("answer-left").count():
         waits.extend(_trial(page, options.look_s, wanted - len(waits)))
         if len(waits) < wanted:
-            with page.expect_navigation():
+            with page.expect_navigation(wait_until="commit"):
                 page.get_by_test_id("continue").click()
     return waits
 
@@ -193,7 +193,7 @@ def _trial(page: Page, look_s: float, wanted: int) -> list[float]:
         page.wait_for_selector('[data-testid="answer-left"][aria-disabled="false"]')
         number, numbers = re.findall(r"\d+", query_on_screen(page))[-2:]
         if number == numbers:
-            with page.expect_navigation():
+            with page.expect_navigation(wait_until="commit"):
                 page.keyboard.press(key)
             break
         page.keyboard.press(key)

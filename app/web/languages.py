@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 from fastapi import Request
 
@@ -74,3 +75,21 @@ def of_reader(request: Request, offered: Sequence[str]) -> str:
     if named is not None and named in offered:
         return named
     return preferred(request.headers.get("accept-language", ""), offered) or offered[0]
+
+
+def links(request: Request, offered: Sequence[str], current: str) -> list[dict[str, Any]]:
+    """This very page in each of the offered languages; none where there is no choice.
+
+    A page that answers a form has no address of its own to link to.
+    """
+    if len(offered) < 2 or request.method != "GET":
+        return []
+    return [
+        {
+            "code": code,
+            "name": own_name(code),
+            "url": f"?{request.url.include_query_params(**{PARAMETER: code}).query}",
+            "is_current": code == current,
+        }
+        for code in offered
+    ]

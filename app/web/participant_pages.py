@@ -245,21 +245,6 @@ def _language(request: Request, slug: str, studio: Studio) -> str:
     return languages.of_reader(request, studies.find(studio, slug).plan.languages)
 
 
-def _language_links(request: Request, entrance: admission.Entrance) -> list[dict[str, Any]]:
-    """This very page in each of the study's languages; none where there is no choice."""
-    if len(entrance.languages) < 2:
-        return []
-    return [
-        {
-            "code": code,
-            "name": languages.own_name(code),
-            "url": f"?{request.url.include_query_params(**{languages.PARAMETER: code}).query}",
-            "is_current": code == entrance.language,
-        }
-        for code in entrance.languages
-    ]
-
-
 def _entrance(
     request: Request, slug: str, studio: Studio, *, past_welcome: bool = False
 ) -> Response:
@@ -308,7 +293,7 @@ def _entrance(
         request,
         slug,
         state,
-        languages=_language_links(request, entrance),
+        languages=languages.links(request, entrance.languages, entrance.language),
         # The form sent twice before the browser has its cookie begins one session all the same.
         arrival=new_secret(),
     )

@@ -68,11 +68,13 @@ def render(
 
 def about(request: Request, plan: Plan, language: str | None = None) -> dict[str, Any]:
     """What a page says of a study without a session's state: in this language, or the reader's."""
-    language = language or languages.of_reader(request, plan.languages)
+    chosen = language or languages.of_reader(request, plan.languages)
     return {
-        "study_title": plan.text(plan.title, language),
+        "study_title": plan.text(plan.title, chosen),
         "contact": plan.contact,
-        "language": language,
+        "language": chosen,
+        # A session keeps the language in which it began.
+        "languages": [] if language else languages.links(request, plan.languages, chosen),
     }
 
 

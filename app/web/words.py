@@ -70,6 +70,11 @@ def number(value: float, language: str) -> str:
     return format_decimal(value, locale=nearest(language), decimal_quantization=False)
 
 
+def between_sentences(language: str) -> str:
+    """What stands between two sentences of a paragraph: in Japanese nothing."""
+    return "" if language == "ja" else " "
+
+
 @cache
 def script_words(language: str) -> Mapping[str, str]:
     """What the pages' scripts say: English to `language`, one of `spoken()`; empty for English."""

@@ -147,8 +147,8 @@ function stand() {
   const { trial, trials, query: number, queries } = state.progress;
   const practising = state.stage === "practice";
   const part = practising ? gettext("Practice") : gettext("Part %(number)s of %(total)s", { number: trial, total: trials });
-  const where = `${part} · ${gettext("Pair %(number)s of %(total)s", { number, total: queries })}`;
-  byId("progress").textContent = where;
+  const place = gettext("Pair %(number)s of %(total)s", { number, total: queries });
+  byId("progress").textContent = `${part} · ${place}`;
   const bar = /** @type {HTMLProgressElement} */ (byId("progress-bar"));
   bar.max = practising ? queries : trials * queries;
   bar.value = practising ? number - 1 : (trial - 1) * queries + number - 1;

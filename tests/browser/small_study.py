@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import av
 import numpy as np
 
+from app.study.folder import SHIPPED
 from tests.conftest import write_study
 
 FRAMES_PER_SECOND = 10
@@ -36,6 +38,8 @@ break_s: 0
 def write_small_study(folder: Path, plan: str = SMALL_PLAN) -> Path:
     """The folder: five candidates of three recordings each, two seconds long."""
     write_study(folder, plan)
+    if "languages: [en, ja]" in plan:
+        shutil.copytree(SHIPPED["waste-crane"] / "texts" / "ja", folder / "texts" / "ja")
     (folder / "videos").mkdir()
     rows = ["speed,file,score"]
     for candidate in range(CANDIDATES):

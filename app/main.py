@@ -20,6 +20,7 @@ from app.web import (
     leaving_pages,
     media,
     participant_pages,
+    privacy_pages,
     problems,
     security,
     sign_in_pages,
@@ -81,6 +82,7 @@ def create_app(
         participant_pages,
         stage_pages,
         leaving_pages,
+        privacy_pages,
         sign_in_pages,
         study_pages,
     ):

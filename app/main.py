@@ -14,11 +14,17 @@ from app import __version__
 from app.services.settings import Settings
 from app.services.studio import Studio, open_studio
 from app.web import (
+    account_pages,
+    activity_pages,
+    admin_pages,
     api,
     desk,
+    draft_pages,
     exports,
+    invitation_pages,
     leaving_pages,
     media,
+    overview_pages,
     participant_pages,
     privacy_pages,
     problems,
@@ -71,6 +77,8 @@ def create_app(
         redoc_url=None,
     )
     app.state.studio = opened
+    # A server that is told to stop says so here, so that streams end before it waits for them.
+    app.state.stopping = lambda: False
     problems.install(app)
     app.add_middleware(security.Guard)
     app.add_exception_handler(desk.ToSignIn, _to_sign_in)
@@ -84,7 +92,13 @@ def create_app(
         leaving_pages,
         privacy_pages,
         sign_in_pages,
+        invitation_pages,
+        account_pages,
+        admin_pages,
+        activity_pages,
+        draft_pages,
         study_pages,
+        overview_pages,
     ):
         app.include_router(module.router)
     return app

@@ -81,6 +81,11 @@ def rights(studio: Studio, caller: Experimenter, slug: str) -> frozenset[Right]:
         return _held(session, caller, studies.read(session, slug).id)
 
 
+def may_change(session: Session, caller: Experimenter, study_id: int) -> bool:
+    """Whether the caller may change this study: for use cases within their own transaction."""
+    return Right.CHANGE in _held(session, caller, study_id)
+
+
 def may_make_studies(caller: Experimenter) -> bool:
     """Whether the caller may set studies up."""
     return caller.role is not Role.REVIEWER and caller.scope is Scope.WRITE

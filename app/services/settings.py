@@ -35,6 +35,10 @@ class Settings(BaseSettings):
         int, Field(ge=1, le=64, description="Videos rendered at the same time.")
     ] = 2
 
+    upload_limit_mb: Annotated[
+        int, Field(ge=1, description="What a study made in the browser may take, in megabytes.")
+    ] = 4000
+
     @field_validator("database_url")
     @classmethod
     def _known_database(cls, url: str) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from datetime import datetime
 from typing import Any
@@ -19,7 +19,7 @@ from app.storage.tables import Candidate, PlanVersion, Recording, Study
 from app.study import folder as study_folder
 from app.study.plan import Plan, plan_hash
 
-from . import recordings
+from . import audit, recordings
 from .errors import ConflictError, NotFoundError
 from .studio import Studio
 from .tokens import new_public_id
@@ -31,6 +31,9 @@ CLOSED = "closed"
 #: Whose a study is, and whom it is shared with.
 OWNER = "owner"
 SHARED = "shared"
+
+#: What follows /studies/ in the addresses of other pages.
+RESERVED_SLUGS = frozenset({"new"})
 
 #: Plans by their hash: parsing one takes longer than a response may.
 _PLANS: dict[str, Plan] = {}
@@ -77,22 +80,32 @@ def load_folder(name_or_path: str) -> study_folder.StudyFolder:
 
 
 def create(
-    studio: Studio, folder: study_folder.StudyFolder, owner_id: int | None = None
+    studio: Studio,
+    folder: study_folder.StudyFolder,
+    owner_id: int | None = None,
+    *,
+    actor: str = audit.COMMAND_LINE,
+    may_replace: Callable[[Session, int], bool] = lambda _session, _study_id: True,
 ) -> StudyInfo:
     """Store a study as a draft, in the place of an earlier draft of its name.
 
     owner_id: the account whose study it will be; None leaves it to the admins. An earlier draft
-    hands its owner, and whom it was shared with, on.
+    hands its owner, and whom it was shared with, on. may_replace: whether the one who asks may
+    replace the draft of this id.
 
     Raises ConflictError if a study of that name is open or was: its plan holds for good.
     """
     plan = folder.plan
+    if plan.slug in RESERVED_SLUGS:
+        raise ConflictError(f"expected another slug: {plan.slug!r} is a page of the studio's own")
     # Videos first, under their content's names: a file that nothing points to does no harm.
     places = list(_candidates(studio, folder))
     with studio.database.write() as session:
         earlier = session.scalar(select(Study).where(Study.slug == plan.slug))
         ties = {} if owner_id is None else {owner_id: OWNER}
         if earlier is not None:
+            if not may_replace(session, earlier.id):
+                raise ConflictError(f"expected another slug: {plan.slug!r} is taken")
             ties = _ties(session, earlier.id) or ties
             _delete_draft(session, earlier)
         now = studio.now()
@@ -115,6 +128,7 @@ def create(
             for account_id, tie in ties.items()
         )
         session.flush()
+        audit.note(session, now, actor, "study created", study.slug, plan_hash=version.plan_hash)
         return _info(study, version)
 
 

@@ -1,7 +1,23 @@
 """A fault in a study folder, and the error that brings all of them at once."""
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+
+_TOLD = re.compile(
+    r"(?:(?P<place>[^:]*[^:\s]): )?(?P<before>.*?)expected (?P<expected>.*?)"
+    r"(?:, (?:got|and there) (?P<got>.*)|, (?P<rest>there is .*))?",
+    re.DOTALL,
+)
+
+
+@dataclass(frozen=True)
+class Told:
+    """A fault in its parts, for a table: where in the line, what was expected, and what came."""
+
+    place: str
+    expected: str
+    got: str
 
 
 @dataclass(frozen=True)
@@ -14,6 +30,16 @@ class Fault:
     file: str
     line: int | None
     message: str
+
+    @property
+    def told(self) -> Told:
+        """Its parts; a message of another form is wholly what came."""
+        found = _TOLD.fullmatch(self.message)
+        if found is None:
+            return Told("", "", self.message)
+        before = found["before"].rstrip(", ")
+        got = found["got"] or found["rest"] or ""
+        return Told(found["place"] or "", found["expected"], " ".join(filter(None, (before, got))))
 
     def __str__(self) -> str:
         place = self.file if self.line is None else f"{self.file}:{self.line}"

@@ -10,7 +10,7 @@ from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse, Response
 from starlette.exceptions import HTTPException
 
-from app.services import errors
+from app.services import errors, uploads
 from app.study import protocol
 
 from . import languages
@@ -36,10 +36,13 @@ class Kind:
 #: The first entry that the error is an instance of counts: the special before the general.
 KINDS: tuple[tuple[type[Exception], Kind], ...] = (
     (errors.NotFoundError, Kind(404, "not-found", "Not found")),
+    (errors.TooManyTriesError, Kind(429, "too-many-tries", "Too many tries")),
+    (errors.InvitationError, Kind(410, "invitation", "This link is of no use any more")),
     (errors.SessionExpiredError, Kind(401, "session-expired", "The session has expired")),
     (errors.SignInRequiredError, Kind(401, "unauthenticated", "Not signed in")),
     (errors.EntryLinkError, Kind(403, "entry-link", "A personal link is needed")),
     (errors.ForbiddenError, Kind(403, "forbidden", "Not allowed")),
+    (uploads.UploadRefusedError, Kind(422, "upload-refused", "This file cannot be taken")),
     (errors.StudyNotOpenError, Kind(409, "study-not-open", "The study is not open")),
     (errors.SkipReasonError, Kind(422, "skip-reason", "No reason for this")),
     (errors.TooLateToUndoError, Kind(409, "too-late-to-undo", "Too late to undo")),

@@ -5,18 +5,13 @@ from __future__ import annotations
 from fastapi import APIRouter, Request
 from fastapi.responses import RedirectResponse, Response
 
-from app.services import access, admission, entry_links, results, studies
-from app.services.access import Right
-from app.services.export import TABLES
-from app.services.state import ENDED
+from app.services import access, admission, drafts, results, studies
 
 from .desk import ChangeOf, DesignOf, OwnForm, SignedIn, desk_page
 from .security import StudioDep, session_cookie, set_cookie
 from .study_frame import study_page
 
 router = APIRouter(include_in_schema=False)
-
-_MODES = ("live", "preview", "simulated", "all")
 
 
 @router.get("/studies")
@@ -35,47 +30,14 @@ def all_studies(request: Request, studio: StudioDep, caller: SignedIn) -> Respon
         }
         for study in access.studies_for(studio, caller)
     ]
-    return desk_page(request, caller, "experimenter/studies.html", "Studies", studies=lines)
-
-
-@router.get("/studies/{slug}")
-def overview(
-    study: DesignOf, request: Request, studio: StudioDep, caller: SignedIn, mode: str = "live"
-) -> Response:
-    if Right.DATA not in access.rights(studio, caller, study.slug):
-        return RedirectResponse(f"/studies/{study.slug}/plan", status_code=303)
-    mode = mode if mode in _MODES else "live"
-    slug, plan = study.slug, study.plan
-    lines = results.sessions(studio, slug, None if mode == "all" else mode)
-    stages = [line.stage for line in lines]
-    ended = {stage: stages.count(stage) for stage in ENDED}
-    export = f"/api/v1/studies/{slug}/export"
-    return study_page(
+    return desk_page(
         request,
-        studio,
         caller,
-        study,
-        "overview",
-        more={
-            "participant_url": f"{str(request.base_url).rstrip('/')}/s/{slug}",
-            "links": entry_links.counts(studio, study.id) if entry_links.wanted(plan) else None,
-        },
-        counts={
-            "active": len(lines) - sum(ended.values()),
-            **ended,
-            "deleted": results.deleted(studio, slug, None if mode == "all" else mode),
-        },
-        sessions=lines,
-        tables=[
-            {
-                "name": table.name,
-                "description": table.description,
-                "url": f"{export}/{table.name}.csv?mode={mode}",
-            }
-            for table in TABLES.values()
-        ],
-        zip_url=f"{export}.zip?mode={mode}",
-        mode=mode,
+        "experimenter/studies.html",
+        "Studies",
+        studies=lines,
+        may_make=access.may_make_studies(caller),
+        drafts=drafts.mine(studio, caller),
     )
 
 

@@ -1,0 +1,342 @@
+"""Studies being made in the browser: a folder for each, as one would make it by hand.
+
+Its files lie in the uploads folder; it exists for whoever began it and for nobody else. What
+is wrong with it is what `pbpo study check` would say of the same folder.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import shutil
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path, PurePosixPath
+from typing import IO
+
+from sqlalchemy import delete, select, update
+
+from app.storage.records import StudyDraft
+from app.study import beginning
+from app.study.faults import Fault, StudyFaults, UnreadableFileError
+from app.study.files import misplaced, read_text
+from app.study.folder import TEXT_NAMES, WELCOME, StudyFolder
+from app.study.plan_source import STUDY_FILE
+from app.study.recordings import FILE_COLUMN
+
+from . import access, audit, studies, uploads
+from .accounts import Experimenter
+from .errors import ConflictError, ForbiddenError, NotFoundError
+from .studio import Studio
+from .tokens import new_public_id
+from .uploads import UploadRefusedError
+
+VIDEO_ENDINGS = (".mp4", ".m4v", ".mov", ".webm", ".ogv", ".ogg", ".avi", ".mkv", ".mpg", ".mpeg")
+#: Files that can be changed on a page.
+TEXT_ENDINGS = (".yaml", ".csv", ".md", ".txt")
+#: A longer text would be no plan and no consent.
+LONGEST_TEXT = 1_000_000
+#: The name of a study that is being made, in lists.
+LONGEST_NAME = 100
+
+
+@dataclass(frozen=True)
+class Draft:
+    """One study being made, and where its files lie."""
+
+    public_id: str
+    name: str
+    folder: Path
+    changed_at: datetime
+
+
+@dataclass(frozen=True)
+class Sent:
+    """A file as it came from a browser, under the name that it had there."""
+
+    name: str
+    content: IO[bytes]
+
+
+@dataclass(frozen=True)
+class DraftFile:
+    """A file of a study being made."""
+
+    name: str
+    size: int
+    is_text: bool
+
+
+@dataclass(frozen=True)
+class Checked:
+    """What a check of a folder found: a study, or every fault by its file."""
+
+    study: StudyFolder | None
+    faults: Mapping[str, Sequence[Fault]]
+
+    @property
+    def number(self) -> int:
+        return sum(map(len, self.faults.values()))
+
+
+def begin(studio: Studio, caller: Experimenter, name: str, sent: Sequence[Sent] = ()) -> Draft:
+    """Begin a study from what was sent: a zip of its folder, or videos and a CSV, or nothing.
+
+    What a folder lacks to be one is begun from the example, but for a zip that holds a study.
+    Raises UploadRefusedError.
+    """
+    if not access.may_make_studies(caller):
+        raise ForbiddenError(f"{caller.email} ({caller.role.value}) may not make studies")
+    name = " ".join(name.split())[:LONGEST_NAME] or _name_of(sent) or "A new study"
+    now = studio.now()
+    public_id = new_public_id()
+    draft = Draft(public_id, name, _folder(studio, public_id), now)
+    draft.folder.mkdir(parents=True, mode=0o700)
+    try:
+        _store(studio, draft, sent)
+        if not (draft.folder / STUDY_FILE).is_file():
+            _complete(draft)
+        _settle(draft.folder)
+        with studio.database.write() as session:
+            session.add(
+                StudyDraft(
+                    public_id=draft.public_id,
+                    account_id=caller.account_id,
+                    name=name,
+                    created_at=now,
+                    changed_at=now,
+                )
+            )
+            audit.note(session, now, caller.email, "draft begun", draft=draft.public_id)
+    except BaseException:
+        shutil.rmtree(draft.folder, ignore_errors=True)
+        raise
+    return draft
+
+
+def mine(studio: Studio, caller: Experimenter) -> list[Draft]:
+    """What the caller is making, the newest first."""
+    with studio.database.read() as session:
+        rows = session.scalars(
+            select(StudyDraft)
+            .where(StudyDraft.account_id == caller.account_id)
+            .order_by(StudyDraft.changed_at.desc(), StudyDraft.id.desc())
+        )
+        return [_draft(studio, row) for row in rows]
+
+
+def find(studio: Studio, caller: Experimenter, public_id: str) -> Draft:
+    """The draft, if it is the caller's. Raises NotFoundError."""
+    with studio.database.read() as session:
+        row = session.scalar(
+            select(StudyDraft).where(
+                StudyDraft.public_id == public_id, StudyDraft.account_id == caller.account_id
+            )
+        )
+    if row is None or not access.may_make_studies(caller):
+        raise NotFoundError("there is no such study being made")
+    return _draft(studio, row)
+
+
+def files(draft: Draft) -> list[DraftFile]:
+    """The files of a draft by their names, texts first."""
+    found = [
+        DraftFile(
+            path.relative_to(draft.folder).as_posix(),
+            path.stat().st_size,
+            path.suffix.lower() in TEXT_ENDINGS,
+        )
+        for path in sorted(draft.folder.rglob("*"))
+        if path.is_file()
+    ]
+    return sorted(found, key=lambda file: (not file.is_text, file.name != STUDY_FILE, file.name))
+
+
+def add(studio: Studio, draft: Draft, sent: Sequence[Sent]) -> list[str]:
+    """Add what was sent, in the place of what has the same name; the names. A zip is unpacked."""
+    if not sent:
+        raise UploadRefusedError(["Expected a file, got none."])
+    names = _store(studio, draft, sent)
+    _settle(draft.folder)
+    _changed(studio, draft)
+    return names
+
+
+def remove(studio: Studio, draft: Draft, name: str) -> None:
+    """Take a file out of a draft. Raises NotFoundError."""
+    _existing(draft, name).unlink()
+    _changed(studio, draft)
+
+
+def text_of(draft: Draft, name: str) -> str:
+    """A text of the draft; empty where there is none yet. Raises UploadRefusedError."""
+    path = _text_path(draft, name)
+    try:
+        return read_text(draft.folder, path) if path.exists() else ""
+    except UnreadableFileError as error:
+        raise UploadRefusedError([f"{name}: {error}."]) from None
+
+
+def write_text(studio: Studio, draft: Draft, name: str, text: str) -> None:
+    """Give a text of the draft these words. Raises UploadRefusedError."""
+    content = text.replace("\r\n", "\n").encode("utf-8")
+    uploads.keep(io.BytesIO(content), _text_path(draft, name), LONGEST_TEXT)
+    _changed(studio, draft)
+
+
+def check(draft: Draft) -> Checked:
+    """Everything that is wrong with a draft, at once."""
+    try:
+        return Checked(studies.load_folder(str(draft.folder)), {})
+    except StudyFaults as error:
+        faults: dict[str, list[Fault]] = {}
+        for fault in error.faults:
+            faults.setdefault(fault.file, []).append(fault)
+        return Checked(None, faults)
+
+
+def create_study(studio: Studio, caller: Experimenter, draft: Draft) -> studies.StudyInfo:
+    """Make the draft a study of the caller's, in status draft; its own folder is done with.
+
+    Raises StudyFaults, or ConflictError if the slug is taken.
+    """
+    folder = studies.load_folder(str(draft.folder))
+    info = studies.create(
+        studio,
+        folder,
+        caller.account_id,
+        actor=caller.email,
+        may_replace=lambda session, study_id: access.may_change(session, caller, study_id),
+    )
+    discard(studio, draft)
+    return info
+
+
+def discard(studio: Studio, draft: Draft) -> None:
+    """Throw away what was begun."""
+    with studio.database.write() as session:
+        session.execute(delete(StudyDraft).where(StudyDraft.public_id == draft.public_id))
+    shutil.rmtree(draft.folder, ignore_errors=True)
+
+
+def _draft(studio: Studio, row: StudyDraft) -> Draft:
+    return Draft(row.public_id, row.name, _folder(studio, row.public_id), row.changed_at)
+
+
+def _folder(studio: Studio, public_id: str) -> Path:
+    # Whole: faults name files within it, and links are followed to see whether they lead out.
+    return (studio.settings.uploads_dir / "drafts" / public_id).resolve()
+
+
+def _changed(studio: Studio, draft: Draft) -> None:
+    with studio.database.write() as session:
+        session.execute(
+            update(StudyDraft)
+            .where(StudyDraft.public_id == draft.public_id)
+            .values(changed_at=studio.now())
+        )
+
+
+def _name_of(sent: Sequence[Sent]) -> str:
+    zips = [PurePosixPath(one.name) for one in sent if _is_zip(one)]
+    return zips[0].stem[:LONGEST_NAME] if zips else ""
+
+
+def _is_zip(one: Sent) -> bool:
+    return one.name.lower().endswith(".zip")
+
+
+def _store(studio: Studio, draft: Draft, sent: Sequence[Sent]) -> list[str]:
+    """Write what was sent into the draft's folder. All names are looked at before any is."""
+    limit = studio.settings.upload_limit_mb * 1_000_000
+    names: list[str] = []
+    faults: list[str] = []
+    for one in sent:
+        try:
+            names.append(uploads.harmless(one.name))
+        except UploadRefusedError as error:
+            faults.extend(error.faults)
+    if faults:
+        raise UploadRefusedError(faults)
+    stored: list[str] = []
+    for name, one in zip(names, sent, strict=True):
+        left = limit - uploads.size_of(draft.folder)
+        if _is_zip(one):
+            stored.extend(uploads.unpack(one.content, draft.folder, left))
+            continue
+        place = _place(draft.folder, name)
+        uploads.keep(one.content, draft.folder / place, left)
+        stored.append(place)
+    return stored
+
+
+def _place(folder: Path, name: str) -> str:
+    """Where a file of this name belongs: where one of its name is, or as its ending says."""
+    path = PurePosixPath(name)
+    if len(path.parts) > 1:
+        return name
+    same = _called(folder, path.name)
+    if len(same) == 1:
+        return same[0].relative_to(folder).as_posix()
+    if path.suffix.lower() in VIDEO_ENDINGS:
+        return f"videos/{name}"
+    if path.suffix == ".md" and path.stem in (WELCOME, *TEXT_NAMES):
+        return f"texts/en/{name}"
+    return name
+
+
+def _complete(draft: Draft) -> None:
+    """Begin what is missing to be a study's folder: a plan for its CSV, and texts."""
+    tables = sorted(path for path in draft.folder.glob("*.csv"))
+    parameters: list[str] = []
+    if tables:
+        try:
+            parameters = beginning.parameters_of(read_text(draft.folder, tables[0]))
+        except (UnreadableFileError, csv.Error):
+            # The check says what is wrong with it, with its line.
+            parameters = []
+    source = tables[0].name if tables else "recordings.csv"
+    written = {STUDY_FILE: beginning.begin_plan(draft.name, source, parameters)}
+    for place, text in {**beginning.example_texts(), **written}.items():
+        path = draft.folder / place
+        if not path.exists():
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(text, encoding="utf-8")
+
+
+def _settle(folder: Path) -> None:
+    """Move each video to where the CSV says that it is, if it came without its folder."""
+    for table in folder.glob("*.csv"):
+        try:
+            rows = csv.DictReader(io.StringIO(read_text(folder, table)))
+            named = [(row.get(FILE_COLUMN) or "").strip() for row in rows]
+        except (UnreadableFileError, csv.Error):
+            continue
+        for name in named:
+            target = folder / name
+            if misplaced(name) is not None or target.exists():
+                continue
+            found = _called(folder, PurePosixPath(name).name)
+            if len(found) == 1 and found[0].relative_to(folder).as_posix() not in named:
+                target.parent.mkdir(parents=True, exist_ok=True)
+                found[0].replace(target)
+
+
+def _called(folder: Path, name: str) -> list[Path]:
+    """The files of this name, wherever they lie in the folder."""
+    return [path for path in folder.rglob("*") if path.name == name and path.is_file()]
+
+
+def _existing(draft: Draft, name: str) -> Path:
+    path = draft.folder / uploads.harmless(name)
+    if not path.is_file():
+        raise NotFoundError(f"there is no file {name!r} in this study")
+    return path
+
+
+def _text_path(draft: Draft, name: str) -> Path:
+    path = draft.folder / uploads.harmless(name)
+    if path.suffix.lower() not in TEXT_ENDINGS or path.is_dir():
+        raise ConflictError(f"expected a text such as {STUDY_FILE} to be changed, got {name!r}")
+    return path

@@ -1,0 +1,177 @@
+"""Making a study in the browser: what it is begun from, what is wrong with it, and its texts."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Form, Request
+from fastapi.concurrency import run_in_threadpool
+from fastapi.responses import RedirectResponse, Response
+
+from app.services import access, drafts
+from app.services.accounts import Experimenter
+from app.services.drafts import Draft
+from app.services.errors import ConflictError, ForbiddenError
+from app.services.studio import Studio
+from app.services.uploads import UploadRefusedError
+from app.study.faults import StudyFaults
+
+from .desk import OwnForm, SignedIn, desk_page
+from .security import StudioDep
+from .uploading import sent_files, sent_form, text_in
+
+router = APIRouter(include_in_schema=False)
+
+_REFUSED = 422
+
+
+@router.get("/studies/new")
+def new_study(request: Request, studio: StudioDep, caller: SignedIn) -> Response:
+    return _new(request, studio, caller)
+
+
+@router.post("/drafts")
+async def begin(request: Request, studio: StudioDep, caller: SignedIn) -> Response:
+    async with sent_form(request, studio) as form:
+        name, sent = text_in(form, "name"), sent_files(form)
+        try:
+            draft = await run_in_threadpool(drafts.begin, studio, caller, name, sent)
+        except UploadRefusedError as error:
+            return await run_in_threadpool(_new, request, studio, caller, error.faults)
+    return _to(draft)
+
+
+@router.get("/drafts/{public_id}")
+def look(public_id: str, request: Request, studio: StudioDep, caller: SignedIn) -> Response:
+    return _draft_page(request, caller, drafts.find(studio, caller, public_id), studio)
+
+
+@router.post("/drafts/{public_id}/files")
+async def add(public_id: str, request: Request, studio: StudioDep, caller: SignedIn) -> Response:
+    draft = await run_in_threadpool(drafts.find, studio, caller, public_id)
+    async with sent_form(request, studio) as form:
+        try:
+            await run_in_threadpool(drafts.add, studio, draft, sent_files(form))
+        except UploadRefusedError as error:
+            return await run_in_threadpool(
+                _draft_page, request, caller, draft, studio, error.faults
+            )
+    return _to(draft)
+
+
+@router.post("/drafts/{public_id}/remove", dependencies=[OwnForm])
+def remove(
+    public_id: str, studio: StudioDep, caller: SignedIn, file: Annotated[str, Form()]
+) -> Response:
+    draft = drafts.find(studio, caller, public_id)
+    drafts.remove(studio, draft, file)
+    return _to(draft)
+
+
+@router.get("/drafts/{public_id}/text")
+def text(
+    public_id: str, request: Request, studio: StudioDep, caller: SignedIn, file: str
+) -> Response:
+    draft = drafts.find(studio, caller, public_id)
+    faults = drafts.check(draft).faults.get(file, ())
+    return desk_page(
+        request,
+        caller,
+        "experimenter/draft_text.html",
+        file,
+        draft=draft,
+        file=file,
+        text=drafts.text_of(draft, file),
+        faults=faults,
+    )
+
+
+@router.post("/drafts/{public_id}/text", dependencies=[OwnForm])
+def write(
+    public_id: str,
+    studio: StudioDep,
+    caller: SignedIn,
+    file: Annotated[str, Form()],
+    text: Annotated[str, Form()] = "",
+) -> Response:
+    draft = drafts.find(studio, caller, public_id)
+    drafts.write_text(studio, draft, file, text)
+    return _to(draft)
+
+
+@router.post("/drafts/{public_id}/create", dependencies=[OwnForm])
+def create(public_id: str, request: Request, studio: StudioDep, caller: SignedIn) -> Response:
+    draft = drafts.find(studio, caller, public_id)
+    try:
+        info = drafts.create_study(studio, caller, draft)
+    except StudyFaults:
+        # The page names every one.
+        return _draft_page(request, caller, draft, studio, status=_REFUSED)
+    except ConflictError as error:
+        return _draft_page(request, caller, draft, studio, [f"{error}."])
+    return RedirectResponse(f"/studies/{info.slug}", status_code=303)
+
+
+@router.post("/drafts/{public_id}/discard", dependencies=[OwnForm])
+def discard(public_id: str, studio: StudioDep, caller: SignedIn) -> Response:
+    drafts.discard(studio, drafts.find(studio, caller, public_id))
+    return RedirectResponse("/studies", status_code=303)
+
+
+def _to(draft: Draft) -> Response:
+    return RedirectResponse(f"/drafts/{draft.public_id}", status_code=303)
+
+
+def _new(
+    request: Request, studio: Studio, caller: Experimenter, refused: Sequence[str] = ()
+) -> Response:
+    if not access.may_make_studies(caller):
+        raise ForbiddenError(f"{caller.email} ({caller.role.value}) may not make studies")
+    return desk_page(
+        request,
+        caller,
+        "experimenter/new_study.html",
+        "Make a study",
+        status_code=_REFUSED if refused else 200,
+        refused=refused,
+        limit_mb=studio.settings.upload_limit_mb,
+    )
+
+
+def _draft_page(
+    request: Request,
+    caller: Experimenter,
+    draft: Draft,
+    studio: Studio,
+    refused: Sequence[str] = (),
+    status: int = 200,
+) -> Response:
+    checked = drafts.check(draft)
+    files = drafts.files(draft)
+    present = {file.name for file in files}
+    more: dict[str, Any] = {}
+    if checked.study is not None:
+        plan = checked.study.plan
+        more["study"] = {
+            "slug": plan.slug,
+            "title": plan.text(plan.title, plan.default_language),
+            "conditions": len(plan.conditions),
+            "trials": plan.trials,
+            "queries": plan.shown_per_trial,
+            "recordings": len(checked.study.recordings),
+        }
+    return desk_page(
+        request,
+        caller,
+        "experimenter/draft.html",
+        draft.name,
+        status_code=_REFUSED if refused else status,
+        draft=draft,
+        checked=checked,
+        files=files,
+        present=present,
+        refused=refused,
+        limit_mb=studio.settings.upload_limit_mb,
+        **{"study": None, **more},
+    )

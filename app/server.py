@@ -49,4 +49,6 @@ def serve_app(studio: Studio, socket: sockets.socket, ready: Callable[[], None])
     config = uvicorn.Config(
         app, log_level="warning", access_log=False, timeout_graceful_shutdown=10
     )
-    _Server(config, ready).run(sockets=[socket])
+    server = _Server(config, ready)
+    app.state.stopping = lambda: server.should_exit
+    server.run(sockets=[socket])

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from datetime import datetime
+from datetime import datetime, timedelta
 
-from sqlalchemy import case, func, select
+from sqlalchemy import case, exists, func, select
 
 from app.storage.arrivals import Tombstone
 from app.storage.tables import (
@@ -20,7 +20,8 @@ from app.storage.tables import (
 )
 from app.study.protocol import Stage, position
 
-from . import studies
+from . import quality, studies
+from .quality import Flag
 from .state import ENDED, read_progress
 from .studio import Studio
 
@@ -32,7 +33,12 @@ MODES = ("live", "preview", "simulated")
 
 @dataclass(frozen=True)
 class SessionLine:
-    """One session in a study's list."""
+    """One session in a study's list.
+
+    presence: completed, left (declined, withdrew, screened out), here (heard of within the study's
+    lease), or away. consented, began: whether it came to that. conditions: of its trials, in order.
+    flags: what was noticed of its answers (app.services.quality).
+    """
 
     session_id: str
     participant_id: str
@@ -47,6 +53,10 @@ class SessionLine:
     started_at: datetime
     last_seen_at: datetime
     ended_at: datetime | None
+    presence: str
+    consented: bool
+    began: bool
+    flags: tuple[Flag, ...]
 
 
 @dataclass(frozen=True)
@@ -84,8 +94,11 @@ def payload_mb(studio: Studio, study: studies.StudyInfo) -> float | None:
     return (2 * pairs + blocks * study.plan.familiarisation.videos) * mean_bytes / 1e6
 
 
-def sessions(studio: Studio, slug: str, mode: str | None) -> list[SessionLine]:
-    """The sessions of a study in one mode (None: all), the newest first."""
+def sessions(
+    studio: Studio, study: studies.StudyInfo, modes: Sequence[str] = MODES
+) -> list[SessionLine]:
+    """The sessions of a study in these modes, the newest first."""
+    of_study = SessionRow.study_id == study.id, SessionRow.mode.in_(modes)
     answered = (
         select(
             Trial.session_id,
@@ -93,13 +106,14 @@ def sessions(studio: Studio, slug: str, mode: str | None) -> list[SessionLine]:
             func.count(Trial.id.distinct()).label("trials"),
             func.sum(case((Response.response == "skip", 1), else_=0)).label("skips"),
         )
+        .join(SessionRow, Trial.session_id == SessionRow.id)
         .join(QueryRow, QueryRow.trial_id == Trial.id)
         .join(Response, Response.query_id == QueryRow.id)
-        .where(Trial.trial_index >= 0)
+        .where(Trial.trial_index >= 0, *of_study)
         .group_by(Trial.session_id)
         .subquery()
     )
-    study = studies.find(studio, slug)
+    began = exists().where(Trial.session_id == SessionRow.id, Trial.trial_index >= 0)
     statement = (
         select(
             SessionRow,
@@ -107,17 +121,18 @@ def sessions(studio: Studio, slug: str, mode: str | None) -> list[SessionLine]:
             answered.c.answered,
             answered.c.skips,
             answered.c.trials,
+            began,
         )
         .join(Participant, SessionRow.participant_id == Participant.id)
         .outerjoin(answered, answered.c.session_id == SessionRow.id)
-        .where(SessionRow.study_id == study.id)
+        .where(*of_study)
         .order_by(SessionRow.started_at.desc(), SessionRow.id.desc())
     )
-    if mode is not None:
-        statement = statement.where(SessionRow.mode == mode)
+    heard_of_since = studio.now() - timedelta(minutes=study.plan.lease_minutes)
     with studio.database.read() as session:
+        noticed = quality.flags(session, study.id, modes)
         lines = []
-        for row, pseudonym, responses, skips, begun in session.execute(statement):
+        for row, pseudonym, responses, skips, begun, has_begun in session.execute(statement):
             where = position(studies.stored_plan(row.plan), read_progress(row))
             if row.stage == Stage.WITHDRAWN and begun:
                 # Who left has no place in the protocol any more: where the last answer was given.
@@ -134,23 +149,33 @@ def sessions(studio: Studio, slug: str, mode: str | None) -> list[SessionLine]:
                     started_at=row.started_at,
                     last_seen_at=row.last_seen_at,
                     ended_at=row.ended_at,
+                    presence=_presence(row, heard_of_since),
+                    consented=row.consented_at is not None,
+                    began=has_begun,
+                    flags=noticed.get(row.id, ()),
                     **where,
                 )
             )
         return lines
 
 
-def deleted(studio: Studio, slug: str, mode: str | None) -> int:
-    """How many sessions of one mode (None: all) were deleted at their person's wish."""
-    statement = (
-        select(func.count(Tombstone.id))
-        .join(Study, Tombstone.study_id == Study.id)
-        .where(Study.slug == slug)
-    )
-    if mode is not None:
-        statement = statement.where(Tombstone.mode == mode)
+def _presence(row: SessionRow, heard_of_since: datetime) -> str:
+    if row.stage == Stage.COMPLETED:
+        return "completed"
+    if row.stage in ENDED:
+        return "left"
+    return "here" if row.last_seen_at >= heard_of_since else "away"
+
+
+def deleted(studio: Studio, study_id: int, modes: Sequence[str] = MODES) -> int:
+    """How many sessions of these modes were deleted at their person's wish."""
     with studio.database.read() as session:
-        return session.scalar(statement) or 0
+        found = session.scalar(
+            select(func.count(Tombstone.id)).where(
+                Tombstone.study_id == study_id, Tombstone.mode.in_(modes)
+            )
+        )
+    return found or 0
 
 
 def counts(studio: Studio) -> Mapping[tuple[str, str], Counts]:

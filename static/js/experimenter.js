@@ -3,6 +3,7 @@
  */
 
 import { announce, byId } from "./dom.js";
+import { showLocalTimes } from "./times.js";
 
 for (const button of document.querySelectorAll("button[data-copy]")) {
   if (!(button instanceof HTMLElement)) {
@@ -27,11 +28,4 @@ for (const button of document.querySelectorAll("button[data-copy]")) {
   });
 }
 
-const form = new Intl.DateTimeFormat(document.documentElement.lang, { dateStyle: "medium", timeStyle: "short" });
-for (const time of document.querySelectorAll("time[datetime]")) {
-  const moment = new Date(time.getAttribute("datetime") ?? "");
-  if (!Number.isNaN(moment.valueOf())) {
-    time.setAttribute("title", time.textContent ?? "");
-    time.textContent = form.format(moment);
-  }
-}
+showLocalTimes(document);

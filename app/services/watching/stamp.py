@@ -1,0 +1,46 @@
+"""A short text that changes whenever what is shown of a study may have changed.
+
+Asked for about once a second by every open page, so it reads one index and a few rows.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from datetime import timedelta
+
+from sqlalchemy import case, func, select
+
+from app.services.studio import Studio
+from app.storage.arrivals import Tombstone
+from app.storage.tables import SessionRow, Study
+
+
+def stamp(studio: Studio, study_id: int, modes: Sequence[str], lease_minutes: int) -> str:
+    """How the study and its sessions of these modes stand, as 16 hex digits."""
+    heard_of_since = studio.now() - timedelta(minutes=lease_minutes)
+    of_study = SessionRow.study_id == study_id, SessionRow.mode.in_(modes)
+    with studio.database.read() as session:
+        status = session.execute(
+            select(Study.status, Study.paused_at, Study.conditions_off).where(Study.id == study_id)
+        ).one_or_none()
+        # The sums tell of a session that went on although another was seen later.
+        sessions = session.execute(
+            select(
+                SessionRow.stage,
+                func.count(SessionRow.id),
+                func.max(SessionRow.last_seen_at),
+                func.sum(SessionRow.trial_index),
+                func.sum(SessionRow.query_index),
+                func.sum(case((SessionRow.last_seen_at >= heard_of_since, 1), else_=0)),
+            )
+            .where(*of_study)
+            .group_by(SessionRow.stage)
+            .order_by(SessionRow.stage)
+        ).all()
+        deleted = session.scalar(
+            select(func.count(Tombstone.id)).where(
+                Tombstone.study_id == study_id, Tombstone.mode.in_(modes)
+            )
+        )
+    return hashlib.sha256(repr((status, sessions, deleted)).encode()).hexdigest()[:16]

@@ -1,0 +1,109 @@
+/**
+ * A study's page, live: the server says that something has changed, and the page fetches the part that changes.
+ * Where the stream cannot be had the page asks every few seconds; where nothing can, it offers to reload.
+ */
+
+import { announce, byId, within } from "./dom.js";
+import { patch } from "./patch.js";
+import { showLocalTimes } from "./times.js";
+
+/** No more often than this, however much goes on, in milliseconds. */
+const BETWEEN_FETCHES = 1000;
+const BETWEEN_ASKING = 10_000;
+/** Nobody wants to hear every answer. */
+const BETWEEN_ANNOUNCEMENTS = 15_000;
+const WAIT_FOR_ANSWER = 15_000;
+
+const line = document.querySelector("[data-live]");
+if (line instanceof HTMLElement) {
+  watch(line);
+}
+
+/** @param {HTMLElement} line */
+function watch(line) {
+  const says = within(line, "[data-live-says]");
+  const reload = within(line, "[data-live-reload]");
+  let fetching = false;
+  let again = false;
+  let announcedAt = Date.now();
+  /** @type {ReturnType<typeof setInterval> | undefined} */
+  let asking;
+
+  /** @param {string} text @param {boolean} [lost] */
+  function say(text, lost = false) {
+    if (says.textContent !== text) {
+      says.textContent = text;
+    }
+    line.toggleAttribute("data-lost", lost);
+    reload.hidden = !lost;
+  }
+
+  async function refresh() {
+    if (fetching) {
+      again = true;
+      return;
+    }
+    fetching = true;
+    try {
+      const answer = await fetch(line.dataset.live ?? "", {
+        redirect: "error",
+        signal: AbortSignal.timeout(WAIT_FOR_ANSWER),
+      });
+      if (!answer.ok) {
+        throw new Error(`expected the page's part, got ${answer.status}`);
+      }
+      show(await answer.text());
+      say(asking ? "What has changed is fetched every 10 seconds." : "Live: this page follows what happens.");
+    } catch {
+      say("The server cannot be reached, or you are signed out: this is how it was before.", true);
+    }
+    setTimeout(() => {
+      fetching = false;
+      if (again) {
+        again = false;
+        refresh();
+      }
+    }, BETWEEN_FETCHES);
+  }
+
+  /** @param {string} html */
+  function show(html) {
+    const fresh = new DOMParser().parseFromString(html, "text/html").getElementById("watching");
+    if (!fresh) {
+      throw new Error("expected the part that changes");
+    }
+    showLocalTimes(fresh);
+    patch(byId("watching"), fresh);
+    if (Date.now() - announcedAt >= BETWEEN_ANNOUNCEMENTS) {
+      announcedAt = Date.now();
+      const numbers = [...document.querySelectorAll('[data-testid="counts"] > div')].slice(0, 2);
+      announce(numbers.map((pair) => `${pair.querySelector("dt")?.textContent}: ${pair.querySelector("dd")?.textContent}`).join(", "));
+    }
+  }
+
+  const stamp = encodeURIComponent(byId("watching").dataset.stamp ?? "");
+  const stream = new EventSource(`${line.dataset.events}&known=${stamp}`);
+  stream.addEventListener("open", () => {
+    clearInterval(asking);
+    asking = undefined;
+    say("Live: this page follows what happens.");
+  });
+  stream.addEventListener("changed", refresh);
+  stream.addEventListener("error", () => {
+    if (asking === undefined) {
+      // The browser tries to open the stream again by itself, unless it was refused.
+      asking = setInterval(refresh, BETWEEN_ASKING);
+      say("Connecting again. Until then, what has changed is fetched every 10 seconds.");
+    }
+  });
+  // A page that goes away, or is kept for the Back button, holds no line open.
+  addEventListener("pagehide", () => {
+    stream.close();
+    clearInterval(asking);
+  });
+  addEventListener("pageshow", (event) => {
+    if (event.persisted) {
+      location.reload();
+    }
+  });
+}

@@ -1,0 +1,80 @@
+/**
+ * Make a part of the page like a newer one, and leave everything that is alike as it is: so the focus, the
+ * selection and the scroll stay where they are.
+ */
+
+/**
+ * @param {Element} now on the page
+ * @param {Element} next as it is to be; its parts may be taken out of it
+ */
+export function patch(now, next) {
+  if (now.isEqualNode(next)) {
+    return;
+  }
+  for (const { name } of [...now.attributes]) {
+    if (!next.hasAttribute(name)) {
+      now.removeAttribute(name);
+    }
+  }
+  for (const { name, value } of next.attributes) {
+    if (now.getAttribute(name) !== value) {
+      now.setAttribute(name, value);
+    }
+  }
+  if (next.hasAttribute("data-keyed")) {
+    patchKeyed(now, next);
+  } else {
+    patchInOrder(now, next);
+  }
+}
+
+/**
+ * Children that have a key, such as a table's rows: each is followed wherever it goes.
+ * @param {Element} now
+ * @param {Element} next
+ */
+function patchKeyed(now, next) {
+  const known = new Map([...now.children].map((child) => [child.getAttribute("data-key"), child]));
+  let place = now.firstElementChild;
+  for (const wanted of [...next.children]) {
+    const key = wanted.getAttribute("data-key");
+    const child = known.get(key);
+    if (!child) {
+      now.insertBefore(wanted, place);
+      continue;
+    }
+    known.delete(key);
+    patch(child, wanted);
+    if (child === place) {
+      place = place.nextElementSibling;
+    } else {
+      now.insertBefore(child, place);
+    }
+  }
+  for (const gone of known.values()) {
+    gone.remove();
+  }
+}
+
+/**
+ * @param {Element} now
+ * @param {Element} next
+ */
+function patchInOrder(now, next) {
+  const wanted = [...next.childNodes];
+  [...now.childNodes].slice(wanted.length).forEach((child) => child.remove());
+  wanted.forEach((node, index) => {
+    const child = now.childNodes[index];
+    if (!child) {
+      now.append(node);
+    } else if (child instanceof Element && node instanceof Element && child.tagName === node.tagName) {
+      patch(child, node);
+    } else if (child.nodeType === Node.TEXT_NODE && node.nodeType === Node.TEXT_NODE) {
+      if (child.textContent !== node.textContent) {
+        child.textContent = node.textContent;
+      }
+    } else {
+      child.replaceWith(node);
+    }
+  });
+}

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
-from datetime import timedelta
+from datetime import datetime, timedelta
 from enum import StrEnum
 from functools import cache
 from typing import TypeVar
@@ -15,6 +16,7 @@ from sqlalchemy.orm import Session
 
 from app.storage.accounts import Account, ApiToken, SignIn
 
+from . import audit, tries
 from .errors import ConflictError, NotFoundError, SignInRequiredError
 from .studio import Studio
 from .tokens import new_secret, secret_hash
@@ -24,6 +26,10 @@ API_TOKEN_LASTS = timedelta(days=365)
 
 #: A password that people choose: NIST SP 800-63B asks for length, not for kinds of characters.
 MIN_PASSWORD_LENGTH = 10
+
+#: One @ with something on both sides, and nothing that a line of a table could not hold.
+_ADDRESS = re.compile(r"[^@\s\x00-\x1f]+@[^@\s\x00-\x1f]+")
+LONGEST_ADDRESS = 254
 
 Token = TypeVar("Token", SignIn, ApiToken)
 
@@ -53,63 +59,79 @@ class Experimenter:
     email: str
     role: Role
     scope: Scope = Scope.WRITE
+    # Which of the account's sign-ins it is; None for an API token.
+    sign_in_id: int | None = None
 
 
-def create(studio: Studio, email: str, password: str, role: Role | None = None) -> Experimenter:
+def create(
+    studio: Studio,
+    email: str,
+    password: str,
+    role: Role | None = None,
+    actor: str = audit.COMMAND_LINE,
+) -> Experimenter:
     """A new account; the first is an admin's unless said otherwise, the others experimenters'.
 
     Raises ConflictError if the address has an account or the password is too short.
     """
-    email = _normal(email)
-    if "@" not in email.strip("@"):
-        raise ConflictError(f"expected an e-mail address, got {email!r}")
-    hashed = _hash(password)
+    email = address(email)
+    hashed = hashed_password(password)
     with studio.database.write() as session:
-        if _account(session, email) is not None:
-            raise ConflictError(f"expected a new address, and {email!r} has an account")
         if role is None:
             is_first = not session.scalar(select(func.count(Account.id)))
             role = Role.ADMIN if is_first else Role.EXPERIMENTER
-        account = Account(
-            email=email, password_hash=hashed, role=role.value, created_at=studio.now()
-        )
-        session.add(account)
-        session.flush()
+        account = add(session, studio.now(), email, hashed, role)
+        audit.note(session, studio.now(), actor, "account made", account=email, role=role.value)
         return _experimenter(account)
 
 
-def set_password(studio: Studio, email: str, password: str) -> None:
+def add(session: Session, at: datetime, email: str, hashed: str, role: Role) -> Account:
+    """A new account within a transaction. Raises ConflictError if the address has one."""
+    if by_address(session, email) is not None:
+        raise ConflictError(f"expected a new address, and {email!r} has an account")
+    account = Account(email=email, password_hash=hashed, role=role.value, created_at=at)
+    session.add(account)
+    session.flush()
+    return account
+
+
+def set_password(
+    studio: Studio, email: str, password: str, actor: str = audit.COMMAND_LINE
+) -> None:
     """Give an account another password; every browser that is signed in is signed out."""
-    hashed = _hash(password)
+    hashed = hashed_password(password)
     with studio.database.write() as session:
-        account = _account(session, _normal(email))
-        if account is None:
-            raise NotFoundError(f"there is no account of {email!r}")
+        account = require(session, email)
         account.password_hash = hashed
         session.execute(delete(SignIn).where(SignIn.account_id == account.id))
+        audit.note(session, studio.now(), actor, "password reset", account=account.email)
 
 
 def find(studio: Studio, email: str) -> Experimenter:
     with studio.database.read() as session:
-        account = _account(session, _normal(email))
-    if account is None:
-        raise NotFoundError(f"there is no account of {email!r}")
-    return _experimenter(account)
+        return _experimenter(require(session, email))
 
 
 def sign_in(studio: Studio, email: str, password: str) -> str:
-    """Check a password: a token for the browser. Raises SignInRequiredError, never saying why."""
-    with studio.database.read() as session:
-        account = _account(session, _normal(email))
-    try:
-        _hasher.verify(_nobodys_hash() if account is None else account.password_hash, password)
-    except VerificationError:
-        account = None
-    if account is None or account.disabled_at is not None:
+    """Check a password: a token for the browser.
+
+    Raises SignInRequiredError, never saying why, or TooManyTriesError, whoever's address it is.
+    """
+    email = normal(email)
+    with studio.database.write() as session:
+        # Counted before the password is looked at: trying many at once gains nothing.
+        tries.spend(session, studio.now(), email)
+        account = by_address(session, email)
+    is_right = is_password_of(account, password)
+    if account is None or account.disabled_at is not None or not is_right:
+        # Of an address that nobody has, nothing is kept: it may be anybody's.
+        known = {} if account is None else {"account": email}
+        audit.note_alone(studio, audit.NOBODY, "sign-in failed", **known)
         raise SignInRequiredError("that address and password do not belong together")
     token = new_secret()
     with studio.database.write() as session:
         now = studio.now()
+        tries.forgive(session, email)
         session.execute(delete(SignIn).where(SignIn.expires_at < now))
         session.add(
             SignIn(
@@ -119,12 +141,16 @@ def sign_in(studio: Studio, email: str, password: str) -> str:
                 expires_at=now + SIGN_IN_LASTS,
             )
         )
+        audit.note(session, now, email, "signed in")
     return token
 
 
 def sign_out(studio: Studio, token: str) -> None:
     with studio.database.write() as session:
-        session.execute(delete(SignIn).where(SignIn.token_hash == secret_hash(token)))
+        row = session.scalar(select(SignIn).where(SignIn.token_hash == secret_hash(token)))
+        if row is not None:
+            audit.note(session, studio.now(), row.account.email, "signed out")
+            session.delete(row)
 
 
 def create_api_token(
@@ -133,6 +159,7 @@ def create_api_token(
     label: str,
     scope: Scope = Scope.WRITE,
     lasts: timedelta = API_TOKEN_LASTS,
+    actor: str = audit.COMMAND_LINE,
 ) -> str:
     """A token for programs, shown this once."""
     token = new_secret()
@@ -148,6 +175,8 @@ def create_api_token(
                 expires_at=now + lasts,
             )
         )
+        told = {"account": experimenter.email, "label": label, "scope": scope.value}
+        audit.note(session, now, actor, "API token made", **told)
     return token
 
 
@@ -169,16 +198,36 @@ def _by_token(studio: Studio, table: type[Token], token: str) -> Experimenter:
             raise SignInRequiredError("expected a token that is in force, got another")
         if row.account.disabled_at is not None:
             raise SignInRequiredError("this account is closed")
-        scope = Scope(row.scope) if isinstance(row, ApiToken) else Scope.WRITE
-        return _experimenter(row.account, scope)
+        if isinstance(row, ApiToken):
+            return _experimenter(row.account, Scope(row.scope))
+        return _experimenter(row.account, sign_in_id=row.id)
 
 
-def _experimenter(account: Account, scope: Scope = Scope.WRITE) -> Experimenter:
-    return Experimenter(account.id, account.email, Role(account.role), scope)
+def _experimenter(
+    account: Account, scope: Scope = Scope.WRITE, sign_in_id: int | None = None
+) -> Experimenter:
+    return Experimenter(account.id, account.email, Role(account.role), scope, sign_in_id)
 
 
-def _account(session: Session, email: str) -> Account | None:
-    return session.scalar(select(Account).where(Account.email == email))
+def by_address(session: Session, email: str) -> Account | None:
+    return session.scalar(select(Account).where(Account.email == normal(email)))
+
+
+def require(session: Session, email: str) -> Account:
+    """The account of this address. Raises NotFoundError."""
+    account = by_address(session, email)
+    if account is None:
+        raise NotFoundError(f"there is no account of {normal(email)!r}")
+    return account
+
+
+def is_password_of(account: Account | None, password: str) -> bool:
+    """Whether the password is this account's; takes as long where there is no account."""
+    hashed = _nobodys_hash() if account is None else account.password_hash
+    try:
+        return _hasher.verify(hashed, password)
+    except VerificationError:
+        return False
 
 
 @cache
@@ -187,7 +236,8 @@ def _nobodys_hash() -> str:
     return _hasher.hash("nobody has this password")
 
 
-def _hash(password: str) -> str:
+def hashed_password(password: str) -> str:
+    """The hash of a password that somebody chose. Raises ConflictError if it is too short."""
     if len(password) < MIN_PASSWORD_LENGTH:
         raise ConflictError(
             f"expected a password of at least {MIN_PASSWORD_LENGTH} characters, got {len(password)}"
@@ -195,5 +245,13 @@ def _hash(password: str) -> str:
     return _hasher.hash(password)
 
 
-def _normal(email: str) -> str:
+def normal(email: str) -> str:
     return email.strip().lower()
+
+
+def address(email: str) -> str:
+    """The address as it is kept. Raises ConflictError if it is none."""
+    email = normal(email)
+    if not _ADDRESS.fullmatch(email) or len(email) > LONGEST_ADDRESS:
+        raise ConflictError(f"expected an e-mail address, got {email[:LONGEST_ADDRESS]!r}")
+    return email

@@ -20,12 +20,14 @@ from .studio import Studio
 #: Who acts where no account does.
 COMMAND_LINE = "command line"
 RETENTION_RULE = "retention rule"
+NOBODY = "not signed in"
 
 
 @dataclass(frozen=True)
 class AuditLine:
-    """One thing that was done."""
+    """One thing that was done; the later, the larger its id."""
 
+    id: int
     happened_at: datetime
     actor: str
     action: str
@@ -62,15 +64,18 @@ def trail(
     study_slug: str | None = None,
     actions: Sequence[str] | None = None,
     limit: int = 200,
+    before: int | None = None,
 ) -> list[AuditLine]:
-    """The newest entries first; of one study, or of certain actions, if asked for."""
+    """The newest entries first; of one study, of certain actions, before an id, if asked for."""
     statement = select(AuditEvent).order_by(AuditEvent.id.desc()).limit(limit)
     if study_slug is not None:
         statement = statement.where(AuditEvent.study_slug == study_slug)
     if actions is not None:
         statement = statement.where(AuditEvent.action.in_(actions))
+    if before is not None:
+        statement = statement.where(AuditEvent.id < before)
     with studio.database.read() as session:
         return [
-            AuditLine(row.happened_at, row.actor, row.action, row.study_slug, row.details)
+            AuditLine(row.id, row.happened_at, row.actor, row.action, row.study_slug, row.details)
             for row in session.scalars(statement)
         ]

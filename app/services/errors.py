@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from datetime import datetime
 from typing import Any
 
 from app.study.questionnaire import AnswerFault
@@ -17,6 +18,14 @@ class NotFoundError(ServiceError):
 
 class SignInRequiredError(ServiceError):
     """No token came, or one that nobody was given."""
+
+
+class TooManyTriesError(ServiceError):
+    """Passwords were tried too often; `until` says when the next try counts."""
+
+    def __init__(self, message: str, until: datetime) -> None:
+        super().__init__(message)
+        self.until = until
 
 
 class SessionExpiredError(ServiceError):
@@ -41,6 +50,10 @@ class EntryLinkError(ForbiddenError):
     def __init__(self, message: str, *, is_used: bool) -> None:
         super().__init__(message)
         self.is_used = is_used
+
+
+class InvitationError(ServiceError):
+    """The link to choose a password with lets nobody do so: used, too old, or unknown."""
 
 
 class StudyNotOpenError(ServiceError):

@@ -10,7 +10,8 @@ from fastapi.responses import Response
 
 from app.services import access
 from app.services.access import Right
-from app.services.accounts import Experimenter
+from app.services.accounts import Experimenter, Role
+from app.services.errors import ForbiddenError
 from app.services.studies import StudyInfo
 
 from .security import MaybeExperimenterDep, StudioDep, check_form_token, form_token
@@ -46,6 +47,29 @@ def of_study(right: Right) -> Any:
 
 
 SignedIn = Annotated[Experimenter, Depends(signed_in)]
+
+
+def at_the_browser(caller: SignedIn) -> Experimenter:
+    """Who is signed in in a browser. Raises ForbiddenError for programs.
+
+    A token that could make tokens, or give accounts roles, would outlive its being revoked.
+    """
+    if caller.sign_in_id is None:
+        raise ForbiddenError("expected somebody who is signed in, and an API token cannot do this")
+    return caller
+
+
+AtBrowser = Annotated[Experimenter, Depends(at_the_browser)]
+
+
+def admin(caller: AtBrowser) -> Experimenter:
+    """An admin at the browser. Raises ForbiddenError for everybody else."""
+    if caller.role is not Role.ADMIN:
+        raise ForbiddenError(f"expected an admin, and {caller.email} is none")
+    return caller
+
+
+Admin = Annotated[Experimenter, Depends(admin)]
 
 
 def from_signed_in_form(

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from math import ceil
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Form, Request
 from fastapi.responses import RedirectResponse, Response
 
 from app.services import accounts
-from app.services.errors import SignInRequiredError
+from app.services.errors import SignInRequiredError, TooManyTriesError
+from app.services.studio import Studio
 
 from .desk import AnybodysForm
 from .security import (
@@ -52,6 +54,10 @@ def sign_in(
         return _sign_in_page(
             request, studio, next, "That address and password do not belong together.", status=401
         )
+    except TooManyTriesError as error:
+        refusal = _sign_in_page(request, studio, next, too_many_tries(studio, error), status=429)
+        refusal.headers["Retry-After"] = str(seconds_until(studio, error))
+        return refusal
     response = RedirectResponse(_own_path(next), status_code=303)
     set_cookie(
         response,
@@ -72,27 +78,48 @@ def sign_out(request: Request, studio: StudioDep) -> Response:
 
 
 def _sign_in_page(
-    request: Request, studio: Any, following: str, error: str | None, status: int = 200
+    request: Request, studio: Studio, following: str, error: str | None, status: int = 200
 ) -> Response:
+    return page_with_form(
+        request,
+        studio,
+        "experimenter/sign_in.html",
+        "Sign in",
+        status=status,
+        error=error,
+        next=_own_path(following),
+    )
+
+
+def page_with_form(
+    request: Request, studio: Studio, template: str, title: str, status: int = 200, **context: Any
+) -> Response:
+    """A page with a form for somebody who need not be signed in."""
     fresh = None
     if FORM_COOKIE not in request.cookies and SIGN_IN_COOKIE not in request.cookies:
         fresh = new_form_secret()
         request.cookies[FORM_COOKIE] = fresh
-    response = page(
-        request,
-        "experimenter/sign_in.html",
-        {
-            "page_title": "Sign in",
-            "error": error,
-            "next": _own_path(following),
-            "csrf_token": form_token(request),
-            "experimenter": None,
-        },
-        status_code=status,
-    )
+    values = {
+        "page_title": title,
+        "csrf_token": form_token(request),
+        "experimenter": None,
+        **context,
+    }
+    response = page(request, template, values, status_code=status)
     if fresh is not None:
         set_cookie(response, studio, FORM_COOKIE, fresh)
     return response
+
+
+def too_many_tries(studio: Studio, error: TooManyTriesError) -> str:
+    """When the next try counts, for somebody who may well be who they say they are."""
+    minutes = -(-seconds_until(studio, error) // 60)
+    wait = "in a minute" if minutes <= 1 else f"in {minutes} minutes"
+    return f"Too many tries for this address. Please try again {wait}."
+
+
+def seconds_until(studio: Studio, error: TooManyTriesError) -> int:
+    return max(1, ceil((error.until - studio.now()).total_seconds()))
 
 
 def _own_path(path: str) -> str:

@@ -19,7 +19,11 @@ from .test_participant_pages import COOKIE, heading, in_browser, sent_on
 PLATFORM_ID = "5f0c1ada-prolific"
 
 #: What a study has before anybody came: everything else belongs to people.
-OF_THE_STUDY = {"studies", "plans", "candidates", "recordings", "accounts", "api_tokens"}
+OF_THE_STUDY = {
+    *("studies", "plans", "candidates", "recordings", "accounts", "api_tokens"),
+    # Of those who run it, and of nobody else.
+    "audit_events",
+}
 
 
 @pytest.fixture

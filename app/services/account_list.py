@@ -1,0 +1,99 @@
+"""What admins do with accounts: see them all, disable and enable them, give them another role."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import datetime
+
+from sqlalchemy import delete, func, select
+from sqlalchemy.orm import Session
+
+from app.storage.accounts import Account, Invitation, SignIn
+
+from . import accounts, audit
+from .accounts import Role
+from .errors import ConflictError
+from .studio import Studio
+
+
+@dataclass(frozen=True)
+class AccountLine:
+    """One account in the list."""
+
+    email: str
+    role: Role
+    created_at: datetime
+    disabled_at: datetime | None
+    last_sign_in_at: datetime | None
+
+
+def all_accounts(studio: Studio) -> list[AccountLine]:
+    """Every account, by address."""
+    last = (
+        select(SignIn.account_id, func.max(SignIn.created_at).label("at"))
+        .group_by(SignIn.account_id)
+        .subquery()
+    )
+    statement = (
+        select(Account, last.c.at)
+        .outerjoin(last, last.c.account_id == Account.id)
+        .order_by(Account.email)
+    )
+    with studio.database.read() as session:
+        return [
+            AccountLine(row.email, Role(row.role), row.created_at, row.disabled_at, at)
+            for row, at in session.execute(statement)
+        ]
+
+
+def disable(studio: Studio, email: str, actor: str) -> None:
+    """Let nobody in with this account any more. Raises ConflictError for the last admin."""
+    with studio.database.write() as session:
+        account = accounts.require(session, email)
+        if account.disabled_at is not None:
+            return
+        _require_another_admin(session, account)
+        account.disabled_at = studio.now()
+        session.execute(delete(SignIn).where(SignIn.account_id == account.id))
+        session.execute(
+            delete(Invitation).where(
+                Invitation.email == account.email, Invitation.used_at.is_(None)
+            )
+        )
+        audit.note(session, studio.now(), actor, "account disabled", account=account.email)
+
+
+def enable(studio: Studio, email: str, actor: str) -> None:
+    """Let the owner of a disabled account in again."""
+    with studio.database.write() as session:
+        account = accounts.require(session, email)
+        if account.disabled_at is None:
+            return
+        account.disabled_at = None
+        audit.note(session, studio.now(), actor, "account enabled", account=account.email)
+
+
+def change_role(studio: Studio, email: str, role: Role, actor: str) -> None:
+    """Give an account another role. Raises ConflictError for the last admin."""
+    with studio.database.write() as session:
+        account = accounts.require(session, email)
+        before = account.role
+        if before == role:
+            return
+        _require_another_admin(session, account)
+        account.role = role.value
+        told = {"account": account.email, "before": before, "after": role.value}
+        audit.note(session, studio.now(), actor, "role changed", **told)
+
+
+def _require_another_admin(session: Session, account: Account) -> None:
+    """Raises ConflictError if nobody could give accounts roles any more without this one."""
+    # Locked: two admins who demote each other at once would leave none.
+    admins = session.scalars(
+        select(Account)
+        .where(Account.role == Role.ADMIN.value, Account.disabled_at.is_(None))
+        .order_by(Account.id)
+        .with_for_update()
+    ).all()
+    if [admin.id for admin in admins] == [account.id]:
+        raise ConflictError(f"expected another admin, and {account.email} is the last one")

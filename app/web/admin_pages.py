@@ -1,0 +1,114 @@
+"""The admins' page of accounts: who has one, inviting, resetting, disabling, roles."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from fastapi import APIRouter, Form, Request
+from fastapi.responses import RedirectResponse, Response
+
+from app.services import account_list, invitations
+from app.services.accounts import LONGEST_ADDRESS, Experimenter, Role
+from app.services.errors import ConflictError, NotFoundError
+from app.services.studio import Studio
+
+from .desk import Admin, OwnForm, desk_page
+from .security import StudioDep
+
+router = APIRouter(prefix="/accounts", include_in_schema=False)
+
+Email = Annotated[str, Form(max_length=LONGEST_ADDRESS)]
+
+
+@router.get("")
+def accounts_page(request: Request, studio: StudioDep, caller: Admin) -> Response:
+    return _page(request, studio, caller)
+
+
+@router.post("/invite", dependencies=[OwnForm])
+def invite(
+    request: Request, studio: StudioDep, caller: Admin, email: Email, role: Annotated[Role, Form()]
+) -> Response:
+    """Make a link for somebody new, and show it this once."""
+    try:
+        path = invitations.invite(studio, email, role, caller.email)
+    except ConflictError as error:
+        return _page(request, studio, caller, fault=str(error), email=email)
+    return _page(request, studio, caller, link=path, for_whom=email)
+
+
+@router.post("/reset", dependencies=[OwnForm])
+def reset(request: Request, studio: StudioDep, caller: Admin, email: Email) -> Response:
+    """Make a link with which somebody chooses another password, and show it this once."""
+    try:
+        path = invitations.reset(studio, email, caller.email)
+    except (ConflictError, NotFoundError) as error:
+        return _page(request, studio, caller, fault=str(error))
+    return _page(request, studio, caller, link=path, for_whom=email)
+
+
+@router.post("/role", dependencies=[OwnForm])
+def change_role(
+    request: Request, studio: StudioDep, caller: Admin, email: Email, role: Annotated[Role, Form()]
+) -> Response:
+    try:
+        account_list.change_role(studio, email, role, caller.email)
+    except (ConflictError, NotFoundError) as error:
+        return _page(request, studio, caller, fault=str(error))
+    return _back()
+
+
+@router.post("/disable", dependencies=[OwnForm])
+def disable(request: Request, studio: StudioDep, caller: Admin, email: Email) -> Response:
+    try:
+        account_list.disable(studio, email, caller.email)
+    except (ConflictError, NotFoundError) as error:
+        return _page(request, studio, caller, fault=str(error))
+    return _back()
+
+
+@router.post("/enable", dependencies=[OwnForm])
+def enable(request: Request, studio: StudioDep, caller: Admin, email: Email) -> Response:
+    try:
+        account_list.enable(studio, email, caller.email)
+    except NotFoundError as error:
+        return _page(request, studio, caller, fault=str(error))
+    return _back()
+
+
+@router.post("/invitations/{invitation_id}/take-back", dependencies=[OwnForm])
+def take_back(invitation_id: int, studio: StudioDep, caller: Admin) -> Response:
+    invitations.take_back(studio, invitation_id, caller.email)
+    return _back()
+
+
+def _back() -> Response:
+    return RedirectResponse("/accounts", status_code=303)
+
+
+def _page(
+    request: Request,
+    studio: Studio,
+    caller: Experimenter,
+    *,
+    fault: str | None = None,
+    email: str = "",
+    link: str | None = None,
+    for_whom: str = "",
+) -> Response:
+    base = str(request.base_url).rstrip("/")
+    return desk_page(
+        request,
+        caller,
+        "experimenter/accounts.html",
+        "Accounts",
+        status_code=200 if fault is None else 409,
+        accounts=account_list.all_accounts(studio),
+        invitations=invitations.outstanding(studio),
+        roles=list(Role),
+        fault=fault,
+        typed=email,
+        link=link and f"{base}{link}",
+        for_whom=for_whom,
+        days=invitations.LASTS.days,
+    )

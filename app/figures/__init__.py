@@ -6,22 +6,38 @@ reads a file: what it shows is in its tables.
 
 from __future__ import annotations
 
+from app.figures.bands import bands
 from app.figures.boxes import boxes
 from app.figures.counts import counts
 from app.figures.curves import mean_curves
-from app.figures.files import save
-from app.figures.maps import maps
+from app.figures.files import png, save, svg
+from app.figures.intervals import intervals
+from app.figures.looks import in_the_dark
+from app.figures.maps import CRANE, maps, side
+from app.figures.paths import paths
+from app.figures.slices import slices
+from app.figures.strips import strips
 from app.figures.tables import FigureDataError, Row, Table
 from app.figures.violins import violins
 
 __all__ = [
+    "CRANE",
     "FigureDataError",
     "Row",
     "Table",
+    "bands",
     "boxes",
     "counts",
+    "in_the_dark",
+    "intervals",
     "maps",
     "mean_curves",
+    "paths",
+    "png",
     "save",
+    "side",
+    "slices",
+    "strips",
+    "svg",
     "violins",
 ]

@@ -8,6 +8,10 @@ import numpy as np
 from app.figures.looks import COLOURS, INK, in_a_row, panel_of
 from app.figures.tables import Table, distinct, inline, require, where
 
+#: So many people can be named below their bars.
+FEW = 8
+WIDEST = 720
+
 
 def counts(
     table: Table, *, x_title: str = "evaluator", y_title: str = "skips in a trial"
@@ -19,7 +23,15 @@ def counts(
     require("counts", table, "panel", "person", "count")
     highest = max(row["count"] for row in table)
     y = alt.Y("count:Q", title=y_title, scale=alt.Scale(domain=[0, max(highest, 1)], nice=True))
-    x = alt.X("person:N", title=x_title, axis=alt.Axis(labelAngle=0), sort=None)
+    most = max(len(distinct(where(table, panel=p), "person")) for p in distinct(table, "panel"))
+    few = most <= FEW
+    width = 260 if few else min(WIDEST, most * 12)
+    x = alt.X(
+        "person:N",
+        title=x_title,
+        axis=alt.Axis(labelAngle=0, labels=few, ticks=few),
+        sort=None,
+    )
     panels = []
     for panel in distinct(table, "panel"):
         rows = where(table, panel=panel)
@@ -32,13 +44,13 @@ def counts(
         ]
         bar = (
             alt.Chart(inline(means))
-            .mark_bar(color=COLOURS["pbpo"], opacity=0.35, size=30)
+            .mark_bar(color=COLOURS["pbpo"], opacity=0.35, size=30 if few else 0.7 * width / most)
             .encode(x=x, y=y)
         )
         dot = (
             alt.Chart(inline(rows))
-            .mark_point(filled=True, color=INK, size=30, opacity=0.8)
+            .mark_point(filled=True, color=INK, size=30 if few else 10, opacity=0.8)
             .encode(x=x, y=y)
         )
-        panels.append(panel_of([bar, dot], str(panel), width=260, height=220))
+        panels.append(panel_of([bar, dot], str(panel), width=width, height=220))
     return in_a_row(panels)

@@ -29,11 +29,16 @@ def svg(chart: Drawable) -> str:
     return _FINE_NUMBER.sub(lambda found: f"{float(found[0]):.2f}", text)
 
 
+def png(drawing: str) -> bytes:
+    """A chart's SVG as PNG, sharp on dense screens."""
+    return vl_convert.svg_to_png(drawing, scale=PNG_SCALE)
+
+
 def save(chart: Drawable, folder: Path, name: str) -> tuple[Path, Path]:
     """Write folder/name.svg and folder/name.png, one picture, each file whole or not at all."""
     folder.mkdir(parents=True, exist_ok=True)
     text = svg(chart)
-    image = vl_convert.svg_to_png(text, scale=PNG_SCALE)
+    image = png(text)
     paths = folder / f"{name}.svg", folder / f"{name}.png"
     for path, content in zip(paths, (text.encode(), image), strict=True):
         part = path.with_name(f".{path.name}.part")

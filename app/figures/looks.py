@@ -15,6 +15,7 @@ import altair as alt
 INK: Final = "#1c1f24"
 PAPER: Final = "#ffffff"
 QUIET: Final = "#8a919c"
+GRID: Final = "#eceef1"
 FONT: Final = "system-ui, 'Helvetica Neue', Arial, 'DejaVu Sans', sans-serif"
 
 LABELS: Final[Mapping[str, str]] = MappingProxyType(
@@ -73,6 +74,31 @@ def in_a_row(panels: Sequence[alt.LayerChart]) -> alt.HConcatChart:
     return styled(alt.HConcatChart(hconcat=list(panels), resolve=same_colours))
 
 
+def stacked(panels: Sequence[alt.LayerChart]) -> alt.VConcatChart:
+    """Panels under each other, each with its own axes."""
+    return styled(alt.VConcatChart(vconcat=list(panels)))
+
+
+#: What ink, paper and lines are where the page is dark.
+_IN_THE_DARK: Final[Mapping[str, str]] = MappingProxyType(
+    {
+        INK: "#eeece7",
+        PAPER: "#141518",
+        QUIET: "#7f828a",
+        GRID: "#2a2c30",
+        COLOURS["pbpo"]: "#6f9bff",
+        COLOURS["knockout"]: "#9aa1ad",
+    }
+)
+
+
+def in_the_dark(specification: str) -> str:
+    """The same chart, given as JSON, for a dark page; files keep their paper."""
+    for light, dark in _IN_THE_DARK.items():
+        specification = specification.replace(f'"{light}"', f'"{dark}"')
+    return specification
+
+
 def styled(chart: Concatenated) -> Concatenated:
     """The chart with the type and ink that all figures share."""
     axis: dict[str, Any] = {
@@ -81,7 +107,7 @@ def styled(chart: Concatenated) -> Concatenated:
         "titleFontWeight": "normal",
         "domainColor": QUIET,
         "tickColor": QUIET,
-        "gridColor": "#eceef1",
+        "gridColor": GRID,
     }
     result: Concatenated = (
         chart.configure(font=FONT, background=PAPER)

@@ -12,9 +12,25 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from app.figures import FigureDataError, Row, boxes, counts, maps, mean_curves, save, violins
+from app.figures import (
+    FigureDataError,
+    Row,
+    bands,
+    boxes,
+    counts,
+    in_the_dark,
+    intervals,
+    maps,
+    mean_curves,
+    paths,
+    save,
+    side,
+    slices,
+    strips,
+    violins,
+)
 from app.figures.curves import BAND_STANDARD_ERRORS
-from app.figures.looks import COLOURS, LABELS, colour_scale
+from app.figures.looks import COLOURS, INK, LABELS, PAPER, colour_scale
 from app.figures.violins import HALF_WIDTH, outline
 
 METHODS = ("pbpo", "knockout")
@@ -36,12 +52,26 @@ COUNTS: list[Row] = [
     for person, of_person in (("1", (0, 3)), ("2", (20, 30)))
     for count in of_person
 ]
+SHARES: list[Row] = [
+    {"panel": "all", "name": name, "value": 0.5, "low": 0.4, "high": 0.6, "number": 20}
+    for name in ("a", "b")
+]
+ALONG: list[Row] = [
+    {"panel": "speed (m/s)", "group": "pbpo", "query": query, "value": 0.1 * query}
+    for query in (1, 2, 3)
+]
+SLICE: list[Row] = [{**row, "mean": row["value"], "low": -1.0, "high": 1.0} for row in ALONG]
 FIGURES: dict[str, Callable[[], Any]] = {
     "curves": lambda: mean_curves(CURVES, methods=METHODS, optimum={"Env1": -40.0}),
     "violins": lambda: violins(VIOLINS, methods=METHODS, optimum={"Env1": -40.0}),
     "boxes": lambda: boxes(CURVES, methods=METHODS, optimum={"Env1": -40.0}),
     "maps": lambda: maps(MAP, points=MAP[:2], optimum=MAP[:1]),
     "counts": lambda: counts(COUNTS),
+    "intervals": lambda: intervals(SHARES, x_title="share", y_title="who", reference=0.5),
+    "bands": lambda: bands(CURVES, methods=METHODS, y_title="seconds"),
+    "strips": lambda: strips(ALONG),
+    "slices": lambda: slices(SLICE, points=ALONG[:1], optimum=ALONG[2:]),
+    "paths": lambda: paths(ALONG),
 }
 
 
@@ -115,8 +145,46 @@ def test_values_that_are_all_alike_are_still_drawn() -> None:
 def test_a_square_of_a_map_surrounds_its_candidate() -> None:
     squares = [row for row in values(FIGURES["maps"]()) if "value" in row]
     assert len(squares) == len(MAP)
-    assert squares[1]["w0"] == pytest.approx(0.025)
+    assert squares[1]["x"] == pytest.approx(0.025)
     assert squares[1]["right"] >= 0.075
+
+
+def test_a_study_of_its_own_is_mapped_by_its_own_steps() -> None:
+    across = side("speed", "speed (m/s)", [0.1, 0.2, 0.6])
+    assert across.square(0.1) == pytest.approx((0.05, 0.15))
+    assert across.square(0.2) == pytest.approx((0.15, 0.4))
+    assert across.domain == pytest.approx([0.05, 0.8])
+    one = side("height", "height", [3.0])
+    rows = [{"panel": "f", "speed": s, "height": 3.0, "value": s} for s in (0.1, 0.2, 0.6)]
+    drawn = values(maps(rows, sides=(across, one), optimum=rows[2:]))
+    assert [row["x"] for row in drawn if "value" in row] == pytest.approx([0.05, 0.15, 0.4])
+
+
+def test_so_many_values_are_no_grid_and_each_candidate_keeps_a_square_of_its_own() -> None:
+    across = side("speed", "speed", [index / 100 for index in range(101)])
+    low, high = across.square(0.5)
+    assert (high - low) == pytest.approx(0.024)
+
+
+def test_a_band_goes_from_quartile_to_quartile() -> None:
+    table = [{"panel": "p", "method": "pbpo", "query": 1, "value": v} for v in (1, 2, 3, 4, 5)]
+    [row] = values(bands(table, methods=["pbpo"], y_title="s"))
+    assert (row["low"], row["median"], row["high"], row["answers"]) == (2, 3, 4, 5)
+
+
+def test_many_people_share_the_width_and_go_unnamed() -> None:
+    many = [{"panel": "p", "person": str(n), "count": n % 5} for n in range(200)]
+    panel = counts(many).to_dict()["hconcat"][0]
+    assert panel["width"] == 720
+    assert panel["layer"][0]["encoding"]["x"]["axis"]["labels"] is False
+
+
+def test_in_the_dark_ink_and_paper_change_places_and_the_data_stay() -> None:
+    light = json.dumps(FIGURES["maps"]().to_dict())
+    dark = in_the_dark(light)
+    assert f'"{INK}"' not in dark
+    assert f'"{PAPER}"' not in dark
+    assert json.loads(dark)["datasets"] == json.loads(light)["datasets"]
 
 
 def test_points_on_one_place_become_one_with_their_count() -> None:

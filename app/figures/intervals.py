@@ -1,0 +1,51 @@
+"""Values with their intervals, a row each: shares, win rates. A line marks what chance gives."""
+
+from __future__ import annotations
+
+import altair as alt
+
+from app.figures.looks import COLOURS, INK, QUIET, panel_of, stacked
+from app.figures.tables import Table, distinct, inline, require, where
+
+#: Height of a row with its name, and of one among so many that names would not be read.
+ROW_HEIGHT, THIN_ROW_HEIGHT = 22, 5
+MOST_NAMED_ROWS = 40
+
+
+def intervals(
+    table: Table, *, x_title: str, y_title: str, reference: float | None = None
+) -> alt.VConcatChart:
+    """A dot and a bar per row, in the order of the table; a panel under the other.
+
+    table: panel, name, value, low, high, number (what the value rests on); values from 0 to 1.
+    """
+    require("intervals", table, "panel", "name", "value", "low", "high", "number")
+    panels = []
+    for panel in distinct(table, "panel"):
+        rows = [
+            {**row, **{end: round(row[end], 4) for end in ("value", "low", "high")}}
+            for row in where(table, panel=panel)
+        ]
+        named = len(rows) <= MOST_NAMED_ROWS
+        height = len(rows) * (ROW_HEIGHT if named else THIN_ROW_HEIGHT)
+        axis = alt.Axis(labels=named, ticks=False, domain=False, labelLimit=260)
+        base = alt.Chart(inline(rows)).encode(
+            y=alt.Y("name:N", sort=None, title=y_title, axis=axis)
+        )
+        x = alt.X("value:Q", title=x_title, scale=alt.Scale(domain=[0, 1]))
+        bar = base.mark_rule(
+            color=COLOURS["pbpo"], strokeWidth=2 if named else 1, opacity=0.6, aria=False
+        ).encode(x=alt.X("low:Q", title=x_title), x2="high:Q")
+        form = [alt.Tooltip(f"{end}:Q", format=".2f") for end in ("value", "low", "high")]
+        dot = base.mark_point(
+            filled=True, color=INK, size=40 if named else 14, opacity=1, aria=False
+        ).encode(x=x, tooltip=["name:N", *form, "number:Q"])
+        layers: list[alt.Chart] = []
+        if reference is not None:
+            layers.append(
+                alt.Chart(inline([{"reference": reference}]))
+                .mark_rule(strokeDash=[5, 4], color=QUIET)
+                .encode(x="reference:Q")
+            )
+        panels.append(panel_of([*layers, bar, dot], str(panel), width=420, height=max(height, 40)))
+    return stacked(panels)

@@ -11,7 +11,7 @@ import typer
 from rich.table import Table
 from typer.exceptions import Abort, Exit, TyperException
 
-from app.commands import account
+from app.commands import account, lifecycle, retention
 from app.commands.asking import Address, DataDir, Slug, out, say_link, settings_of, studio_of
 from app.services import revision, studies
 from app.services.errors import ServiceError
@@ -28,10 +28,12 @@ app = typer.Typer(
 study_app = typer.Typer(no_args_is_help=True, help="Set studies up, open and close them.")
 media_app = typer.Typer(no_args_is_help=True, help="The crane's recordings.")
 link_app = typer.Typer(no_args_is_help=True, help="Links that each let one person in.")
+study_app.add_typer(lifecycle.app)
 app.add_typer(study_app, name="study")
 app.add_typer(media_app, name="media")
 app.add_typer(account.app, name="account")
 app.add_typer(link_app, name="link")
+app.add_typer(retention.app, name="retention")
 
 #: A user's mistake: what was asked for cannot be done as it was said.
 MISTAKE = 2
@@ -190,13 +192,6 @@ def study_close(slug: Slug, data_dir: DataDir = None) -> None:
     """Let nobody in any more; sessions under way may finish."""
     studies.close_study(studio_of(data_dir), slug)
     out.print(f"{slug} is closed.")
-
-
-@study_app.command("delete")
-def study_delete(slug: Slug, data_dir: DataDir = None) -> None:
-    """Delete a draft, with what previews and simulations left in it."""
-    studies.delete_draft(studio_of(data_dir), slug)
-    out.print(f"{slug} is deleted.")
 
 
 @link_app.command("create")

@@ -11,6 +11,7 @@ from fastapi.staticfiles import StaticFiles
 from starlette.types import Scope
 
 from app import __version__
+from app.services import retention
 from app.services.settings import Settings
 from app.services.studio import Studio, open_studio
 from app.web import (
@@ -23,6 +24,7 @@ from app.web import (
     exports,
     invitation_pages,
     leaving_pages,
+    manage_pages,
     media,
     overview_pages,
     participant_pages,
@@ -63,7 +65,8 @@ def create_app(
 
     @asynccontextmanager
     async def lifespan(_app: FastAPI) -> AsyncIterator[None]:
-        yield
+        with retention.swept_hourly(opened):
+            yield
         if closes:
             opened.close()
 
@@ -98,6 +101,7 @@ def create_app(
         activity_pages,
         draft_pages,
         study_pages,
+        manage_pages,
         overview_pages,
     ):
         app.include_router(module.router)

@@ -133,7 +133,7 @@ def sessions(
         noticed = quality.flags(session, study.id, modes)
         lines = []
         for row, pseudonym, responses, skips, begun, has_begun in session.execute(statement):
-            where = position(studies.stored_plan(row.plan), read_progress(row))
+            where = position(studies.plan_of(row), read_progress(row))
             if row.stage == Stage.WITHDRAWN and begun:
                 # Who left has no place in the protocol any more: where the last answer was given.
                 before = (begun - 1) * where["queries"]
@@ -172,7 +172,9 @@ def deleted(studio: Studio, study_id: int, modes: Sequence[str] = MODES) -> int:
     with studio.database.read() as session:
         found = session.scalar(
             select(func.count(Tombstone.id)).where(
-                Tombstone.study_id == study_id, Tombstone.mode.in_(modes)
+                Tombstone.study_id == study_id,
+                Tombstone.mode.in_(modes),
+                Tombstone.reason == "wish",
             )
         )
     return found or 0

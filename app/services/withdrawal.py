@@ -7,17 +7,14 @@ the count there remains that a session was deleted, on which day, and how far it
 
 from __future__ import annotations
 
-from datetime import datetime
-
 from sqlalchemy import delete, or_, select
-from sqlalchemy.orm import Session, selectinload
 
-from app.storage.arrivals import Reentry, Tombstone
+from app.storage.arrivals import Reentry
 from app.storage.tables import Identity, Participant, SessionRow, Study
 from app.study import protocol
 from app.study.protocol import Stage
 
-from . import sessions
+from . import audit, deletion, sessions
 from . import state as session_state
 from .errors import NotFoundError
 from .state import State
@@ -47,16 +44,18 @@ def withdraw_and_delete(studio: Studio, token: str) -> State:
             state["stage"] = Stage.WITHDRAWN.value
         # As it was before this very request: that is how far the person came.
         row.stage = came_to
-        seeds = _delete(session, row.participant_id, studio.now())
-    _forget(studio, seeds)
+        seeds = deletion.delete_person(session, row.participant_id, studio.now())
+    deletion.forget(studio, seeds)
     return state
 
 
-def delete_by_receipt(studio: Studio, slug: str, receipt: str) -> None:
+def delete_by_receipt(studio: Studio, slug: str, receipt: str, actor: str | None = None) -> None:
     """Delete what the holder of this receipt gave. Raises NotFoundError if nobody has it.
 
     Whoever tries receipts at random would need 2^76 of them: no limit on tries is needed, and so
     nothing has to be kept of those who try.
+
+    actor: the experimenter whom the person asked to do it; None: the person did.
     """
     with studio.database.write() as session:
         hashed = receipt_hash(receipt)
@@ -71,34 +70,25 @@ def delete_by_receipt(studio: Studio, slug: str, receipt: str) -> None:
         )
         if participant_id is None:
             raise NotFoundError("expected a receipt code of this study, and nothing is kept for it")
-        seeds = _delete(session, participant_id, studio.now())
-    _forget(studio, seeds)
+        seeds = deletion.delete_person(session, participant_id, studio.now())
+        if actor is not None:
+            audit.note(session, studio.now(), actor, "participant deleted", slug, by="receipt code")
+    deletion.forget(studio, seeds)
 
 
-def _delete(session: Session, participant_id: int, now: datetime) -> frozenset[int]:
-    """Delete a person with all their sessions; the seeds of their trials."""
-    rows = session.scalars(
-        select(SessionRow)
-        .where(SessionRow.participant_id == participant_id)
-        .options(selectinload(SessionRow.trials))
-    ).all()
-    # The day alone: a moment could be matched with what somebody else saw at that moment.
-    day = now.replace(hour=0, minute=0, second=0, microsecond=0)
-    session.add_all(
-        Tombstone(study_id=row.study_id, mode=row.mode, stage=row.stage, deleted_at=day)
-        for row in rows
-    )
-    seeds = frozenset(trial.seed for row in rows for trial in row.trials)
-    session.flush()
-    # Everything else hangs on the participant by foreign keys that cascade.
-    session.execute(
-        delete(Participant).where(Participant.id == participant_id),
-        execution_options={"synchronize_session": False},
-    )
-    return seeds
+def delete_participant(studio: Studio, slug: str, pseudonym: str, actor: str) -> None:
+    """Delete a person at their wish, by their pseudonym. Raises NotFoundError.
 
-
-def _forget(studio: Studio, seeds: frozenset[int]) -> None:
-    """Leave no trace in memory, nor in what the database still has on the disk."""
-    studio.proposer.forget(seeds)
-    studio.database.scrub()
+    The audit trail tells that somebody was deleted, and not who.
+    """
+    with studio.database.write() as session:
+        participant_id = session.scalar(
+            select(Participant.id)
+            .join(Study, Participant.study_id == Study.id)
+            .where(Study.slug == slug, Participant.pseudonym == pseudonym.strip().upper())
+        )
+        if participant_id is None:
+            raise NotFoundError(f"expected a participant of this study, and {pseudonym!r} is none")
+        seeds = deletion.delete_person(session, participant_id, studio.now())
+        audit.note(session, studio.now(), actor, "participant deleted", slug, by="pseudonym")
+    deletion.forget(studio, seeds)

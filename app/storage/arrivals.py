@@ -7,7 +7,7 @@ from datetime import datetime
 from sqlalchemy import ForeignKey, String
 from sqlalchemy.orm import Mapped, mapped_column
 
-from .tables import Base
+from .tables import Base, one_of
 
 
 class EntryLink(Base):
@@ -38,12 +38,15 @@ class Reentry(Base):
 
 
 class Tombstone(Base):
-    """That a session was deleted at its person's wish: for the count, nothing of the person."""
+    """That a session was deleted, and why: for the count, nothing of the person."""
 
     __tablename__ = "tombstones"
+    __table_args__ = (one_of("reason", "wish", "retention"),)
 
     id: Mapped[int] = mapped_column(primary_key=True)
     study_id: Mapped[int] = mapped_column(ForeignKey("studies.id", ondelete="CASCADE"), index=True)
     mode: Mapped[str] = mapped_column(String(10))
     stage: Mapped[str] = mapped_column(String(16))
+    # At the person's wish, or by the study's rule on how long it keeps what it was given.
+    reason: Mapped[str] = mapped_column(String(10))
     deleted_at: Mapped[datetime]

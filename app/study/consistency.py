@@ -9,7 +9,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
-from app.study import recruitment
+from app.study import recruitment, retention
 from app.study.checks import checks_inconsistencies
 from app.study.comparing import skip_inconsistencies
 from app.study.files import misplaced
@@ -82,6 +82,7 @@ def inconsistencies(plan: Mapping[str, object]) -> list[Inconsistency]:
         *_familiarisation(plan),
         *checks_inconsistencies(plan, parameter_names(plan)),
         *recruitment.disagreements(plan),
+        *retention.disagreements(plan),
         *_blocks(plan),
         *item_inconsistencies(plan, languages_of(plan)),
     ]

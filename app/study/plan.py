@@ -29,6 +29,7 @@ from app.study.part import ONE_OR_MORE_TEXTS, LocalText, Part
 from app.study.questionnaire import Item, Questionnaires
 from app.study.recordings import RecordingRow
 from app.study.recruitment import Recruitment
+from app.study.retention import Retention
 from app.study.reward import Reward
 from app.study.stages import DeviceCheck, Familiarisation, Practice, Resume
 
@@ -160,6 +161,10 @@ class Plan(Part):
     )
     session_expires_after_days: StrictInt = Field(
         default=14, ge=1, le=3650, description="a whole number of days from 1 to 3650"
+    )
+    retention: Retention = Field(
+        default=Retention(),
+        description="a mapping such as {identity_days: 90, everything_days: 3650}",
     )
     contact: StrictStr | None = Field(
         default=None, min_length=1, description="a text that says whom to ask"

@@ -95,7 +95,9 @@ def test_exports_made_afterwards_hold_nothing_of_the_person(
     assert client.table("events", api_token).empty
     assert len(client.table("participants", api_token)) == 1
     deletions = client.table("deletions", api_token)
-    assert deletions.to_numpy().tolist() == [["short", "live", "query", "2026-03-01T00:00:00.000Z"]]
+    assert deletions.to_numpy().tolist() == [
+        ["short", "live", "query", "wish", "2026-03-01T00:00:00.000Z"]
+    ]
 
 
 @pytest.mark.sqlite

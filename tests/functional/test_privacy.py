@@ -66,3 +66,11 @@ def test_newcomers_and_leavers_are_led_there_too(client: Api, short_study: Study
     for path in ("/s/short", "/s/short/delete", "/s/short/deleted"):
         assert 'data-testid="privacy"' in client.get(path).text
     assert heading(client.get("/s/short")) == HEADINGS["consent"]
+
+
+def test_it_says_for_how_long_where_the_study_has_a_rule(client: Api, recruit: Recruit) -> None:
+    recruit(PROLIFIC + "retention: {identity_days: 30, everything_days: 365}\n")
+    page = client.get("/s/short/privacy").text
+    assert "Everything is deleted 365 days after your session has ended." in page
+    assert "The identifiers of Prolific are deleted 30 days after" in page
+    assert "Until the people who run the study delete it" not in page

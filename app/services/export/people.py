@@ -160,16 +160,17 @@ def _deletions_columns(_plan: Plan) -> tuple[Column, ...]:
         STUDY,
         MODE,
         text("stage", "The stage that the session had come to."),
+        text("reason", "wish: its person's; retention: the study keeps nothing for longer."),
         moment("deleted_on", "The day of the deletion, at 00:00."),
     )
 
 
 def _deletions_rows(session: Session, request: Request) -> Iterator[Row]:
     statement = (
-        select(Tombstone.mode, Tombstone.stage, Tombstone.deleted_at)
+        select(Tombstone.mode, Tombstone.stage, Tombstone.reason, Tombstone.deleted_at)
         .where(Tombstone.study_id == request.study.id, Tombstone.mode.in_(request.modes))
         # By nothing that would say in which order they came within a day.
-        .order_by(Tombstone.deleted_at, Tombstone.mode, Tombstone.stage)
+        .order_by(Tombstone.deleted_at, Tombstone.mode, Tombstone.stage, Tombstone.reason)
     )
     for row in fetch(session, statement):
         yield request.study.slug, *row
@@ -228,7 +229,7 @@ IDENTITIES = Table(
 )
 DELETIONS = Table(
     "deletions",
-    "One row per session that was deleted at its person's wish: that it was, and no more.",
+    "One row per session that was deleted: that it was, and no more.",
     _deletions_columns,
     _deletions_rows,
 )

@@ -78,6 +78,7 @@ def test_an_older_database_is_brought_up_without_loss(tmp_path: Path) -> None:
             "INSERT INTO sign_ins VALUES (1, 1, 'def', '2026-01-01', '2027-01-01')",
             "INSERT INTO studies VALUES (1, 'short', 'open', '2026-01-01', NULL, NULL)",
             "INSERT INTO participants VALUES (1, 1, 'p-1', '2026-01-01')",
+            "INSERT INTO tombstones VALUES (1, 1, 'live', 'query', '2026-01-01')",
         ):
             session.execute(text(statement))
     migrate(url)
@@ -91,6 +92,7 @@ def test_an_older_database_is_brought_up_without_loss(tmp_path: Path) -> None:
         for table in ("sign_ins", "studies", "participants"):
             assert session.scalar(text(f"SELECT count(*) FROM {table}")) == 1, table
         assert session.scalar(text("SELECT conditions_off FROM studies")) == "[]"
+        assert session.scalar(text("SELECT reason FROM tombstones")) == "wish"
     database.close()
 
 

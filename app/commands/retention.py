@@ -1,0 +1,39 @@
+"""`pbpo retention`: deleting what studies have promised to delete."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from app.services import retention
+from app.services.audit import COMMAND_LINE
+
+from .asking import DataDir, out, studio_of
+
+app = typer.Typer(no_args_is_help=True, help="Delete what studies have promised to delete.")
+
+
+@app.callback()
+def _group() -> None:
+    """Delete what studies have promised to delete."""
+
+
+@app.command()
+def run(
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="Only say what is due, and delete nothing.")
+    ] = False,
+    data_dir: DataDir = None,
+) -> None:
+    """Delete what is due by each study's retention rule, as the server does every hour."""
+    studio = studio_of(data_dir)
+    found = retention.run(studio, dry_run=dry_run, actor=COMMAND_LINE)
+    verb = "would be" if dry_run else "were"
+    for slug, swept in found.items():
+        out.print(
+            f"{slug}: sessions that {verb} deleted: {swept.sessions}; people whose platform ids"
+            f" {verb} deleted: {swept.people_without_ids}"
+        )
+    if not found:
+        out.print("Nothing is due.")

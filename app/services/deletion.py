@@ -1,0 +1,78 @@
+"""Deleting what people gave: for good, with a tombstone for the count and nothing besides."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from datetime import datetime
+from typing import Literal
+
+from sqlalchemy import delete, select
+from sqlalchemy.orm import Session, selectinload
+
+from app.storage.arrivals import Tombstone
+from app.storage.tables import Participant, SessionRow
+
+from .studio import Studio
+
+#: At the person's wish, or by the study's retention rule.
+Reason = Literal["wish", "retention"]
+
+
+def delete_person(
+    session: Session, participant_id: int, now: datetime, reason: Reason = "wish"
+) -> frozenset[int]:
+    """Delete a person with all their sessions; the seeds of their trials, for `forget`."""
+    rows = session.scalars(
+        select(SessionRow)
+        .where(SessionRow.participant_id == participant_id)
+        .options(selectinload(SessionRow.trials))
+    ).all()
+    seeds = _bury(session, rows, now, reason)
+    # Everything else hangs on the participant by foreign keys that cascade.
+    session.execute(
+        delete(Participant).where(Participant.id == participant_id),
+        execution_options={"synchronize_session": False},
+    )
+    return seeds
+
+
+def delete_session(
+    session: Session, row: SessionRow, now: datetime, reason: Reason
+) -> frozenset[int]:
+    """Delete one session; its person too if it was their only one. The seeds of its trials."""
+    # Locked: whoever comes again just now waits, and is then a person of one session.
+    session.get_one(Participant, row.participant_id, with_for_update=True)
+    others = session.scalar(
+        select(SessionRow.id)
+        .where(SessionRow.participant_id == row.participant_id, SessionRow.id != row.id)
+        .limit(1)
+    )
+    if others is None:
+        return delete_person(session, row.participant_id, now, reason)
+    seeds = _bury(session, [row], now, reason)
+    session.execute(
+        delete(SessionRow).where(SessionRow.id == row.id),
+        execution_options={"synchronize_session": False},
+    )
+    return seeds
+
+
+def forget(studio: Studio, seeds: frozenset[int]) -> None:
+    """Leave no trace in memory, nor in what the database still has on the disk."""
+    studio.proposer.forget(seeds)
+    studio.database.scrub()
+
+
+def _bury(
+    session: Session, rows: Sequence[SessionRow], now: datetime, reason: Reason
+) -> frozenset[int]:
+    # The day alone: a moment could be matched with what somebody else saw at that moment.
+    day = now.replace(hour=0, minute=0, second=0, microsecond=0)
+    session.add_all(
+        Tombstone(
+            study_id=row.study_id, mode=row.mode, stage=row.stage, deleted_at=day, reason=reason
+        )
+        for row in rows
+    )
+    session.flush()
+    return frozenset(trial.seed for row in rows for trial in row.trials)

@@ -1,0 +1,191 @@
+"""Keeping a study's word on how long it keeps what it was given.
+
+A sweep deletes whatever is due by the plan that each session began under: one transaction for each
+session, so that nobody who answers has to wait. Each looks again at what is due, so two sweeps at
+once do no harm. Simulated sessions are nobody's, and stay.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+
+from sqlalchemy import delete, select
+from sqlalchemy.orm import Session
+
+from app.storage.tables import Identity, Participant, PlanVersion, SessionRow, Study
+from app.study.retention import Due, Retention, due
+
+from . import audit, deletion
+from .studies import stored_plan
+from .studio import Studio
+
+log = logging.getLogger(__name__)
+
+MODES = ("live", "preview")
+
+#: Days are promised, so an hour more or less is kept well within the promise.
+PERIOD_S = 3600.0
+
+
+@dataclass
+class Swept:
+    """What a sweep deleted (or would delete) of one study."""
+
+    sessions: int = 0
+    people_without_ids: int = 0
+
+
+@dataclass
+class _Found:
+    """What is due of one study: ids of sessions, and of people whose platform ids go."""
+
+    sessions: list[int] = field(default_factory=list)
+    people: list[int] = field(default_factory=list)
+
+
+def run(
+    studio: Studio,
+    *,
+    dry_run: bool = False,
+    actor: str = audit.RETENTION_RULE,
+    stop: Callable[[], bool] = lambda: False,
+) -> dict[str, Swept]:
+    """Delete what is due, or (dry_run) only count it: by slug, where anything is.
+
+    stop: asked before each deletion; True ends the sweep, and the next one goes on.
+    """
+    with studio.database.read() as session:
+        found = {slug: due_of for slug, due_of in _due(studio, session) if _is_any(due_of)}
+    if dry_run:
+        return {slug: Swept(len(one.sessions), len(one.people)) for slug, one in found.items()}
+    return {slug: _sweep(studio, slug, one, actor, stop) for slug, one in found.items()}
+
+
+@contextmanager
+def swept_hourly(studio: Studio) -> Iterator[None]:
+    """Within this, sweeps run: at once, and then every hour."""
+    stopping = threading.Event()
+
+    def keep_sweeping() -> None:
+        while not stopping.is_set():
+            run_quietly(studio, stopping.is_set)
+            stopping.wait(PERIOD_S)
+
+    thread = threading.Thread(target=keep_sweeping, name="retention", daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        stopping.set()
+        # A deletion under way is finished: the database is closed after this.
+        thread.join()
+
+
+def run_quietly(studio: Studio, stop: Callable[[], bool]) -> None:
+    """A sweep of the server's own: what goes wrong is logged, and tried again the next time."""
+    try:
+        for slug, swept in run(studio, stop=stop).items():
+            log.info("retention of %s: %s", slug, swept)
+    except Exception:
+        log.exception("the retention sweep failed")
+
+
+def _is_any(found: _Found) -> bool:
+    return bool(found.sessions or found.people)
+
+
+def _due(studio: Studio, session: Session) -> Iterator[tuple[str, _Found]]:
+    """What is due of each study that has a rule."""
+    for study in session.scalars(select(Study).order_by(Study.id)):
+        rules = {version.id: stored_plan(version).retention for version in study.plans}
+        if all(rule == Retention() for rule in rules.values()):
+            continue
+        found = _Found()
+        may_go: dict[int, bool] = {}
+        rows = session.execute(
+            select(
+                SessionRow.id,
+                SessionRow.participant_id,
+                SessionRow.plan_id,
+                SessionRow.ended_at,
+                SessionRow.expires_at,
+            )
+            .where(SessionRow.study_id == study.id, SessionRow.mode.in_(MODES))
+            .order_by(SessionRow.id)
+        )
+        for row_id, person, plan_id, ended_at, expires_at in rows:
+            said = due(rules[plan_id], ended_at, expires_at, studio.now())
+            if said.everything:
+                found.sessions.append(row_id)
+            # Ids are a person's: they are needed as long as any session of theirs needs them.
+            may_go[person] = may_go.get(person, True) and said.identities
+        named = set(
+            session.scalars(
+                select(Identity.participant_id)
+                .join(Participant, Identity.participant_id == Participant.id)
+                .where(Participant.study_id == study.id)
+            )
+        )
+        found.people = sorted(person for person in named if may_go.get(person, False))
+        yield study.slug, found
+
+
+def _sweep(studio: Studio, slug: str, found: _Found, actor: str, stop: Callable[[], bool]) -> Swept:
+    swept = Swept()
+    seeds: frozenset[int] = frozenset()
+    try:
+        for person in found.people:
+            if stop():
+                break
+            with studio.database.write() as session:
+                swept.people_without_ids += _delete_ids(studio, session, person)
+        for session_id in found.sessions:
+            if stop():
+                break
+            with studio.database.write() as session:
+                gone = _delete_session(studio, session, session_id)
+            if gone is not None:
+                swept.sessions += 1
+                seeds |= gone
+    finally:
+        # Also when a deletion failed: what was deleted before it is gone, and has to be told.
+        if swept != Swept():
+            audit.note_alone(
+                studio,
+                actor,
+                "retention carried out",
+                slug,
+                sessions_deleted=swept.sessions,
+                people_whose_ids_were_deleted=swept.people_without_ids,
+            )
+            deletion.forget(studio, seeds)
+    return swept
+
+
+def _delete_ids(studio: Studio, session: Session, person: int) -> int:
+    """1 if there were ids to delete and they are still due, else 0."""
+    session.get(Participant, person, with_for_update=True)
+    rows = session.scalars(select(SessionRow).where(SessionRow.participant_id == person)).all()
+    if not all(_due_of(studio, row).identities for row in rows):
+        return 0
+    gone = session.scalars(
+        delete(Identity).where(Identity.participant_id == person).returning(Identity.id)
+    ).all()
+    return 1 if gone else 0
+
+
+def _delete_session(studio: Studio, session: Session, session_id: int) -> frozenset[int] | None:
+    """The seeds of the session's trials; None if it is gone already, or not due any more."""
+    row = session.get(SessionRow, session_id, with_for_update=True)
+    if row is None or not _due_of(studio, row).everything:
+        return None
+    return deletion.delete_session(session, row, studio.now(), "retention")
+
+
+def _due_of(studio: Studio, row: SessionRow) -> Due:
+    version: PlanVersion = row.plan
+    return due(stored_plan(version).retention, row.ended_at, row.expires_at, studio.now())

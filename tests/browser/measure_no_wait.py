@@ -2,7 +2,7 @@
 
 A real Chromium goes through the shipped `waste-crane` study on a server of its own, with the breaks
 cut short, looks at each pair for as long as a person would, and answers by key. What is measured is
-the time from the press to the moment when both new videos show a moving frame.
+the time from the press to the moment when both new videos play.
 """
 
 from __future__ import annotations
@@ -41,10 +41,12 @@ MOST_HESITATION = 0.3
 #: What an evaluator presses: the model learns as it does from people, who skip now and then.
 RESPONSES = (*["ArrowLeft"] * 9, *["ArrowRight"] * 9, *["ArrowDown"] * 2)
 
-#: Notes when a response is pressed, and when both videos of a pair have shown a moving frame.
+#: Notes when a response is pressed, when both videos of the next pair play, and when both have
+#: shown a frame that is not their first.
 WATCHER = """() => {
     const waits = [];
     let pressedAt = null;
+    let playing = new Map();
     let moving = new Map();
     const look = (video) => video.requestVideoFrameCallback((now, {mediaTime}) => {
         if (video.paused || mediaTime === 0) {
@@ -55,31 +57,38 @@ WATCHER = """() => {
         if (moving.size === 2) {
             document.documentElement.dataset.moving = "yes";
             if (pressedAt !== null) {
-                waits.push(Math.max(...moving.values()) - pressedAt);
+                const last = (times) => Math.max(...times.values()) - pressedAt;
+                waits.push([last(playing), last(moving)]);
                 pressedAt = null;
             }
         }
     });
     window.waits = waits;
     document.addEventListener("loadstart", ({target}) => look(target), true);
+    document.addEventListener("playing", ({target, timeStamp}) => {
+        playing.set(target.dataset.testid, timeStamp);
+    }, true);
     document.addEventListener("keydown", (event) => {
         if (event.key.startsWith("Arrow")) {
             pressedAt = event.timeStamp;
+            playing = new Map();
             moving = new Map();
             delete document.documentElement.dataset.moving;
         }
     }, true);
 }"""
 
-
 MOVING = "() => document.documentElement.dataset.moving === 'yes'"
+
+
+#: One wait in milliseconds: until both next videos play, and until both show their second frame.
+Wait = tuple[float, float]
 
 
 @dataclass(frozen=True)
 class Waits:
-    """From press to both next videos moving, in milliseconds."""
+    """Many waits in milliseconds; those on which a person sees that they wait are counted."""
 
-    queries: int
     median: float
     p95: float
     longest: float
@@ -90,10 +99,9 @@ class Waits:
         values = np.asarray(waits, dtype=np.float64)
         median, p95 = np.percentile(values, [50, 95])
         return cls(
-            queries=len(values),
-            median=round(float(median), 1),
-            p95=round(float(p95), 1),
-            longest=round(float(values.max()), 1),
+            median=round(float(median)),
+            p95=round(float(p95)),
+            longest=round(float(values.max())),
             visible=int((values > VISIBLE_MS).sum()),
         )
 
@@ -111,12 +119,15 @@ def main() -> None:
         finally:
             server.stop()
         made = len(list(media_dir.glob("*.mp4"))) - made_before
-    found = Waits.of(waits)
-    said = {**asdict(found), "videos_made_meanwhile": made, "least_look_s": options.look_s}
-    said |= {"mbit_s": options.mbit_s, "latency_ms": options.latency_ms}
-    print(json.dumps(said))
+    playing, moving = zip(*waits, strict=True)
+    line = f"{options.mbit_s:g} Mbit/s" if options.mbit_s else "loopback"
+    print(
+        f"{len(waits)} waits over {line}, at least {options.look_s:g} s a pair; {made} videos made"
+    )
+    for name, found in (("playing", Waits.of(playing)), ("second frame", Waits.of(moving))):
+        print(f"{name}: {asdict(found)}")
     if options.all:
-        print(json.dumps([round(wait) for wait in waits]))
+        print(json.dumps([[round(time) for time in wait] for wait in waits]))
 
 
 def _options() -> argparse.Namespace:
@@ -146,9 +157,9 @@ def _server(folder: Path, media_dir: Path) -> Server:
     return Server(folder / "data", media_dir)
 
 
-def _measure(server: Server, options: argparse.Namespace) -> list[float]:
+def _measure(server: Server, options: argparse.Namespace) -> list[Wait]:
     """Session after session, each in a browser that has seen nothing, until all is measured."""
-    waits: list[float] = []
+    waits: list[Wait] = []
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=chromium(), args=ARGUMENTS)
         while len(waits) < options.queries:
@@ -162,7 +173,7 @@ def _measure(server: Server, options: argparse.Namespace) -> list[float]:
 
 def _session(
     context: BrowserContext, server: Server, options: argparse.Namespace, wanted: int
-) -> list[float]:
+) -> list[Wait]:
     """One person's session, as far as it is needed."""
     page = context.new_page()
     page.add_init_script(f"({WATCHER})()")
@@ -172,7 +183,7 @@ def _session(
     for step in ("consent", "continue", "continue"):
         with page.expect_navigation(wait_until="commit"):
             page.get_by_test_id(step).click()
-    waits: list[float] = []
+    waits: list[Wait] = []
     while len(waits) < wanted and page.get_by_test_id("answer-left").count():
         waits.extend(_trial(page, options.look_s, wanted - len(waits)))
         if len(waits) < wanted:
@@ -181,9 +192,9 @@ def _session(
     return waits
 
 
-def _trial(page: Page, look_s: float, wanted: int) -> list[float]:
+def _trial(page: Page, look_s: float, wanted: int) -> list[Wait]:
     """The waits within one trial: between two trials comes a page of its own."""
-    waits: list[float] = []
+    waits: list[Wait] = []
     page.wait_for_function(MOVING)
     while len(waits) < wanted:
         time.sleep(look_s * (1 + random.uniform(0, MOST_HESITATION)))
@@ -198,7 +209,8 @@ def _trial(page: Page, look_s: float, wanted: int) -> list[float]:
             break
         page.keyboard.press(key)
         page.wait_for_function(MOVING)
-        waits.append(page.evaluate("() => window.waits.at(-1)"))
+        until_playing, until_moving = page.evaluate("() => window.waits.at(-1)")
+        waits.append((until_playing, until_moving))
     return waits
 
 

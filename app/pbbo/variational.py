@@ -42,7 +42,7 @@ STAGE_RATIO: Final = 5.0
 CAUTIOUS_RATIO: Final = 1.7
 # With which power of 1 / scale a site grows. With the square where the likelihood is a parabola for
 # all that q knows, as between contradictory answers, and then for good; elsewhere, as measured on
-# many histories, the more slowly the smaller a share of the largest it is (`growth_of`).
+# sixteen histories, the more slowly the smaller a share of the largest it is (`growth_of`).
 FASTEST_GROWTH: Final = 2.0
 SLOWEST_FAST: Final = 1.4
 SLOW_GROWTH: Final = 1.3

@@ -13,7 +13,7 @@ from app.pbbo import variational
 from app.pbbo.candidates import FloatArray
 from app.pbbo.errors import FitError
 from app.pbbo.probit import expectations
-from app.pbbo.variational import Answers, Gaussian, evaluate, fit
+from app.pbbo.variational import Answers, Gaussian, evaluate, fit, growth_of, widths
 
 
 def problem(seed: int, answers: int, variables: int, scale: float) -> Answers:
@@ -256,3 +256,29 @@ def test_a_fit_that_stalls_is_tried_again_more_slowly(monkeypatch: pytest.Monkey
 
     assert fit(answers).bound == pytest.approx(expected.bound, abs=1e-6)
     assert ratios[1] < ratios[0]
+
+
+def test_the_root_is_that_of_the_precision_and_triangular() -> None:
+    answers = problem(4, 9, 5, 0.3)
+    sites = np.linspace(0.0, 3.0, 9)
+
+    known = widths(answers.features, sites)
+
+    assert known is not None
+    precision = np.eye(5) + (answers.features.T * sites) @ answers.features
+    assert known.root @ known.root.T == pytest.approx(precision, rel=1e-12)
+    assert not np.triu(known.root, 1).any()
+    seen = np.einsum("ij,jk,ik->i", answers.features, np.linalg.inv(precision), answers.features)
+    assert known.variance == pytest.approx(seen, rel=1e-10)
+
+
+def test_a_site_is_foreseen_to_grow_faster_the_nearer_it_is_to_its_largest() -> None:
+    share = np.array([0.0, 1e-3, 0.02, 0.15, 0.4, 0.9, 1.0])
+
+    growth = growth_of(share, np.zeros(7))
+
+    assert (np.diff(growth) >= 0.0).all()
+    assert growth[0] >= 0.0
+    assert growth[-1] == variational.FASTEST_GROWTH
+    # What grew with the square once goes on so, whatever its share.
+    assert (growth_of(share, np.full(7, 2.0)) == variational.FASTEST_GROWTH).all()

@@ -28,7 +28,10 @@ class Place(NamedTuple):
 
 PLACES: Final = (
     Place("overview", "", "Overview", Right.DATA),
+    Place("manage", "/manage", "Manage", Right.CHANGE),
     Place("plan", "/plan", "Plan", Right.DESIGN),
+    Place("people", "/people", "People", Right.DATA),
+    Place("activity", "/activity", "Activity", Right.DATA),
 )
 
 

@@ -184,9 +184,7 @@ def test_the_command_says_what_is_due_and_deletes_it(
     with studio.database.write() as session:
         row = session.scalars(select(SessionRow)).one()
         row.ended_at = row.started_at.replace(year=2020)
-    told = (
-        "short: sessions that {0} deleted: 1; people whose platform ids {0} deleted: 1\n"
-    )
+    told = "short: sessions that {0} deleted: 1; people whose platform ids {0} deleted: 1\n"
     assert pbpo("retention", "run", "--dry-run").out == told.format("would be")
     assert sessions(studio) == 1
     assert pbpo("retention", "run").out == told.format("were")

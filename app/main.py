@@ -31,9 +31,11 @@ from app.web import (
     people_pages,
     privacy_pages,
     problems,
+    results_pages,
     security,
     sign_in_pages,
     stage_pages,
+    story_pages,
     study_pages,
 )
 from app.web.templating import STATIC
@@ -105,6 +107,8 @@ def create_app(
         study_pages,
         manage_pages,
         overview_pages,
+        results_pages,
+        story_pages,
     ):
         app.include_router(module.router)
     return app

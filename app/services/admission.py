@@ -20,7 +20,7 @@ from app.study.protocol import Progress
 
 from . import consents, entry_links, failures, places, returning, sessions, studies
 from . import state as session_state
-from .errors import ForbiddenError, SignInRequiredError, StudyNotOpenError
+from .errors import ForbiddenError, SignInRequiredError, StudyNotOpenError, StudyPausedError
 from .state import State
 from .studio import Studio
 from .tokens import (
@@ -68,7 +68,7 @@ def entrance(
     """
     study = studies.find(studio, slug)
     failures.remember(slug, study.plan)
-    _require_open(study.status, slug, LIVE)
+    _require_open(study, LIVE)
     with studio.database.read() as session:
         places.require(session, study, LIVE, studio.now())
         entry_links.require_unused(session, study, entry)
@@ -80,7 +80,8 @@ def entrance(
         languages=study.plan.languages,
         welcome=welcome and session_state.rendered(welcome),
         consent=consents.text(study.texts[language]),
-        trials=study.plan.trials,
+        trials=len(assignment.conditions_on(study.plan, study.conditions_off))
+        * study.plan.trials_per_condition,
         queries=study.plan.shown_per_trial,
     )
 
@@ -136,7 +137,7 @@ def start(
                 returning.take_back(studio, session, earlier, token, ids)
                 session.flush()
                 return token, session_state.describe(studio, session, earlier)
-        _require_open(study.status, slug, mode, by_experimenter=by_experimenter)
+        _require_open(study, mode, by_experimenter=by_experimenter)
         now = studio.now()
         if mode == LIVE:
             places.require(session, study, mode, now)
@@ -204,12 +205,15 @@ def _platform(plan: Plan) -> str | None:
     return None if name == rules.NO_PLATFORM else name
 
 
-def _require_open(status: str, slug: str, mode: str, *, by_experimenter: bool = False) -> None:
-    if status == studies.OPEN or (mode != LIVE and by_experimenter):
+def _require_open(study: studies.StudyInfo, mode: str, *, by_experimenter: bool = False) -> None:
+    if mode != LIVE and by_experimenter:
         return
-    is_draft = status == studies.DRAFT
-    what = "is not open yet" if is_draft else "is closed"
-    raise StudyNotOpenError(f"the study {slug!r} {what}", is_draft=is_draft)
+    if study.status != studies.OPEN:
+        is_draft = study.status == studies.DRAFT
+        what = "is not open yet" if is_draft else "is closed"
+        raise StudyNotOpenError(f"the study {study.slug!r} {what}", is_draft=is_draft)
+    if study.paused_at is not None:
+        raise StudyPausedError(f"the study {study.slug!r} is paused and lets nobody in just now")
 
 
 def _language(plan: Plan, wanted: str | None) -> str:
@@ -225,4 +229,6 @@ def _assign(
     taken = places.by_order(session, study, mode, now)
     counts = [taken[index] for index in range(len(orders))]
     chosen = assignment.choose_order(counts, np.random.default_rng([seed, 103]))
-    return chosen, assignment.trial_conditions(plan, orders[chosen])
+    trials = assignment.trial_conditions(plan, orders[chosen])
+    switched_on = assignment.conditions_on(plan, study.conditions_off)
+    return chosen, tuple(index for index in trials if index in switched_on)

@@ -25,7 +25,7 @@ from app.study.folder import TEXT_NAMES, WELCOME, StudyFolder
 from app.study.plan_source import STUDY_FILE
 from app.study.recordings import FILE_COLUMN
 
-from . import access, audit, studies, uploads
+from . import access, audit, cloning, studies, uploads
 from .accounts import Experimenter
 from .errors import ConflictError, ForbiddenError, NotFoundError
 from .studio import Studio
@@ -89,26 +89,34 @@ def begin(studio: Studio, caller: Experimenter, name: str, sent: Sequence[Sent] 
     if not access.may_make_studies(caller):
         raise ForbiddenError(f"{caller.email} ({caller.role.value}) may not make studies")
     name = " ".join(name.split())[:LONGEST_NAME] or _name_of(sent) or "A new study"
-    now = studio.now()
     public_id = new_public_id()
-    draft = Draft(public_id, name, _folder(studio, public_id), now)
+    draft = Draft(public_id, name, _folder(studio, public_id), studio.now())
     draft.folder.mkdir(parents=True, mode=0o700)
     try:
         _store(studio, draft, sent)
         if not (draft.folder / STUDY_FILE).is_file():
             _complete(draft)
         _settle(draft.folder)
-        with studio.database.write() as session:
-            session.add(
-                StudyDraft(
-                    public_id=draft.public_id,
-                    account_id=caller.account_id,
-                    name=name,
-                    created_at=now,
-                    changed_at=now,
-                )
-            )
-            audit.note(session, now, caller.email, "draft begun", draft=draft.public_id)
+        _keep_row(studio, caller, draft, "draft begun")
+    except BaseException:
+        shutil.rmtree(draft.folder, ignore_errors=True)
+        raise
+    return draft
+
+
+def clone(studio: Studio, caller: Experimenter, study: studies.StudyInfo, new_slug: str) -> Draft:
+    """Begin a study that is another one's copy, under a slug of its own (or anew under the same).
+
+    Raises ConflictError if one of its videos is missing.
+    """
+    if not access.may_make_studies(caller):
+        raise ForbiddenError(f"{caller.email} ({caller.role.value}) may not make studies")
+    slug = beginning.slug_of(new_slug)
+    public_id = new_public_id()
+    draft = Draft(public_id, slug, _folder(studio, public_id), studio.now())
+    try:
+        cloning.write_folder(studio, study.slug, draft.folder, slug)
+        _keep_row(studio, caller, draft, "study cloned", study.slug)
     except BaseException:
         shutil.rmtree(draft.folder, ignore_errors=True)
         raise
@@ -218,6 +226,23 @@ def discard(studio: Studio, draft: Draft) -> None:
     with studio.database.write() as session:
         session.execute(delete(StudyDraft).where(StudyDraft.public_id == draft.public_id))
     shutil.rmtree(draft.folder, ignore_errors=True)
+
+
+def _keep_row(
+    studio: Studio, caller: Experimenter, draft: Draft, action: str, of: str | None = None
+) -> None:
+    now = draft.changed_at
+    with studio.database.write() as session:
+        session.add(
+            StudyDraft(
+                public_id=draft.public_id,
+                account_id=caller.account_id,
+                name=draft.name,
+                created_at=now,
+                changed_at=now,
+            )
+        )
+        audit.note(session, now, caller.email, action, of, draft=draft.public_id)
 
 
 def _draft(studio: Studio, row: StudyDraft) -> Draft:

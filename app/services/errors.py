@@ -64,6 +64,13 @@ class StudyNotOpenError(ServiceError):
         self.is_draft = is_draft
 
 
+class StudyPausedError(StudyNotOpenError):
+    """The study lets nobody in for a while; whoever is in it goes on."""
+
+    def __init__(self, message: str) -> None:
+        super().__init__(message, is_draft=False)
+
+
 class StudyFullError(ServiceError):
     """All places of the study are taken."""
 

@@ -9,7 +9,7 @@ from app.study.assignment import sample_familiarisation
 
 from .errors import NotFoundError
 from .proposals import Clip
-from .studies import stored_plan
+from .studies import plan_of, stored_plan
 from .studio import Studio
 
 #: Tells the draw of familiarisation videos apart from every other use of a session's seed.
@@ -23,13 +23,13 @@ def clips(studio: Studio, row: SessionRow) -> tuple[Clip, ...]:
         coming = plan.conditions[row.trial_conditions[row.trial_index]]
         environments: tuple[str, ...] = (coming.environment,)
     else:
-        environments = plan.used_environments
+        environments = plan_of(row).used_environments
     found = [
         clip
         for environment in environments
         for clip in studio.proposer.space(row.study_id, environment).all_clips
     ]
-    block = row.trial_index // plan.trials_per_block
+    block = row.trial_index // plan_of(row).trials_per_block
     rng = np.random.default_rng([row.seed, _DRAW, *([block] if block else [])])
     drawn = sample_familiarisation(len(found), plan.familiarisation.videos, rng)
     return tuple(found[index] for index in drawn)
@@ -63,4 +63,4 @@ def _places(row: SessionRow) -> tuple[int, int]:
     """Where this block's playlist begins among all the session's, and how long it is."""
     plan = stored_plan(row.plan)
     size = plan.familiarisation.videos
-    return row.trial_index // plan.trials_per_block * size, size
+    return row.trial_index // plan_of(row).trials_per_block * size, size

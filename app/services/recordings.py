@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 import shutil
+from collections.abc import Iterable
 from concurrent.futures import Future
 from dataclasses import dataclass
 from functools import lru_cache
@@ -108,6 +109,12 @@ class Recordings:
             shutil.copyfile(video, part)
             part.replace(target)
         return locator
+
+    def throw_away(self, locators: Iterable[str]) -> None:
+        """Delete videos of studies' own that no study has any more."""
+        for locator in locators:
+            (self._uploads_dir / locator).unlink(missing_ok=True)
+        self._find.cache_clear()
 
     def _find_uncached(self, public_id: str) -> Source:
         with self._database.read() as session:

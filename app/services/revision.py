@@ -7,22 +7,36 @@ consent has changed, `consents` asks everybody inside for theirs again.
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from datetime import datetime
 from pathlib import PurePosixPath
 
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from app.storage.tables import Candidate, PlanVersion, Recording, Study
-from app.study.folder import StudyFolder
+from app.study.faults import StudyFaults
+from app.study.folder import StudyFolder, text_faults
 from app.study.plan import plan_hash
+from app.study.recordings import RecordingRow
 
-from . import recordings, studies
+from . import audit, recordings, studies
 from .errors import ConflictError
 from .studies import StudyInfo
 from .studio import Studio
 
 
-def revise(studio: Studio, folder: StudyFolder) -> StudyInfo:
+@dataclass(frozen=True)
+class Version:
+    """One version of a study's plan and texts."""
+
+    version: int
+    plan_hash: str
+    created_at: datetime
+
+
+def revise(studio: Studio, folder: StudyFolder, actor: str = audit.COMMAND_LINE) -> StudyInfo:
     """Give a study the texts of this folder. The same texts again change nothing.
 
     Raises NotFoundError, or ConflictError if anything but the texts has changed.
@@ -34,18 +48,98 @@ def revise(studio: Studio, folder: StudyFolder) -> StudyInfo:
         texts = {language: dict(named) for language, named in folder.texts.items()}
         if texts == before.texts:
             return before
-        study = session.scalars(select(Study).where(Study.slug == slug)).one()
-        study.plans.append(
-            PlanVersion(
-                version=before.plan_version + 1,
-                plan_hash=plan_hash(folder.plan, folder.texts, folder.recordings),
-                plan=folder.plan.model_dump(mode="json"),
-                texts=texts,
-                created_at=studio.now(),
-            )
+        return _add_version(studio, session, before, texts, folder.recordings, actor)
+
+
+def revise_texts(
+    studio: Studio, slug: str, texts: Mapping[str, Mapping[str, str]], actor: str
+) -> StudyInfo:
+    """Give a study these texts, written on its page. The same texts again change nothing.
+
+    Raises NotFoundError, or StudyFaults with every text that is missing or not filled in.
+    """
+    with studio.database.write() as session:
+        before = studies.read(session, slug)
+        given = {
+            language: {
+                name: texts.get(language, {}).get(name, "").replace("\r\n", "\n") for name in named
+            }
+            for language, named in before.texts.items()
+        }
+        faults = [
+            fault
+            for language, named in given.items()
+            for name, text in named.items()
+            for fault in text_faults(f"texts/{language}/{name}.md", text)
+        ]
+        if faults:
+            raise StudyFaults(faults)
+        if given == before.texts:
+            return before
+        return _add_version(studio, session, before, given, _stored_rows(session, before), actor)
+
+
+def versions(studio: Studio, study: StudyInfo) -> list[Version]:
+    """Every version of the study's plan, the newest first."""
+    with studio.database.read() as session:
+        rows = session.scalars(
+            select(PlanVersion)
+            .where(PlanVersion.study_id == study.id)
+            .order_by(PlanVersion.version.desc())
         )
-        session.flush()
-        return studies.read(session, slug)
+        return [Version(row.version, row.plan_hash, row.created_at) for row in rows]
+
+
+def _add_version(
+    studio: Studio,
+    session: Session,
+    before: StudyInfo,
+    texts: Mapping[str, Mapping[str, str]],
+    rows: Sequence[RecordingRow],
+    actor: str,
+) -> StudyInfo:
+    study = session.scalars(select(Study).where(Study.slug == before.slug)).one()
+    version = PlanVersion(
+        version=before.plan_version + 1,
+        plan_hash=plan_hash(before.plan, texts, rows),
+        plan=before.plan.model_dump(mode="json"),
+        texts={language: dict(named) for language, named in texts.items()},
+        created_at=studio.now(),
+    )
+    study.plans.append(version)
+    audit.note(
+        session,
+        studio.now(),
+        actor,
+        "texts revised",
+        before.slug,
+        version=version.version,
+        plan_hash=version.plan_hash,
+    )
+    session.flush()
+    return studies.read(session, before.slug)
+
+
+def _stored_rows(session: Session, study: StudyInfo) -> list[RecordingRow]:
+    """The study's own recordings as its tables list them."""
+    names = [parameter.name for parameter in study.plan.parameters]
+    found = session.execute(
+        select(Candidate, Recording)
+        .join(Recording, Recording.candidate_id == Candidate.id)
+        .where(Candidate.study_id == study.id, Recording.source == recordings.FILE)
+        .order_by(Candidate.id, Recording.run_index)
+    )
+    return [
+        RecordingRow(
+            environment=candidate.environment,
+            candidate=tuple(candidate.parameters[name] for name in names),
+            file=recording.file or "",
+            sha256=PurePosixPath(recording.locator).stem,
+            duration_s=recording.duration_s,
+            score=recording.score,
+        )
+        for candidate, recording in found
+    ]
 
 
 def _require_the_same(session: Session, before: StudyInfo, folder: StudyFolder) -> None:

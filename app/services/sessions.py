@@ -54,7 +54,7 @@ def advance(studio: Studio, row: SessionRow, event: protocol.Event) -> None:
     if isinstance(event, protocol.Continued | protocol.Answered | protocol.ScreenedOut):
         # A response given before the text changed is taken all the same: nothing is lost.
         consents.require_none_due(row)
-    plan = studies.stored_plan(row.plan)
+    plan = studies.plan_of(row)
     session_state.place(row, protocol.advance(plan, session_state.read_progress(row), event))
     row.last_seen_at = studio.now()
     if row.stage in session_state.ENDED:

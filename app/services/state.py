@@ -24,7 +24,7 @@ from app.study.protocol import (
 )
 
 from . import consents, playlist, query_state, recruitment
-from .studies import stored_plan
+from .studies import plan_of, stored_plan
 from .studio import Studio
 
 State = dict[str, Any]
@@ -39,7 +39,7 @@ def describe(studio: Studio, session: Session, row: SessionRow) -> State:
     progress = read_progress(row)
     state: State = {
         "stage": progress.stage.value,
-        "progress": position(plan, progress),
+        "progress": position(plan_of(row), progress),
         "study": study_of(plan, row.study.slug, row.language),
         "language": row.language,
     }

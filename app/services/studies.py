@@ -15,7 +15,8 @@ from app.crane import library
 from app.crane.dynamics import DURATION_S
 from app.pbbo import Settings as OptimizerSettings
 from app.storage.accounts import StudyAccess
-from app.storage.tables import Candidate, PlanVersion, Recording, Study
+from app.storage.tables import Candidate, PlanVersion, Recording, SessionRow, Study
+from app.study import assignment
 from app.study import folder as study_folder
 from app.study.plan import Plan, plan_hash
 
@@ -37,6 +38,9 @@ RESERVED_SLUGS = frozenset({"new"})
 
 #: Plans by their hash: parsing one takes longer than a response may.
 _PLANS: dict[str, Plan] = {}
+
+#: The same without some conditions, by which are left.
+_NARROWED: dict[tuple[str, frozenset[int]], Plan] = {}
 
 #: What the shipped crane's parameters are called, in the order of its candidates' columns.
 CRANE_PARAMETERS = ("w0", "w1")
@@ -158,23 +162,22 @@ def all_studies(studio: Studio) -> list[StudyInfo]:
         return [_info(study, study.plans[-1]) for study in rows]
 
 
-def open_study(studio: Studio, slug: str) -> StudyInfo:
+def open_study(studio: Studio, slug: str, actor: str = audit.COMMAND_LINE) -> StudyInfo:
     """Let participants in. Opening an open study changes nothing."""
-    return _set_status(studio, slug, OPEN)
+    return _set_status(studio, slug, OPEN, actor)
 
 
-def close_study(studio: Studio, slug: str) -> StudyInfo:
+def close_study(studio: Studio, slug: str, actor: str = audit.COMMAND_LINE) -> StudyInfo:
     """Let nobody in any more; sessions under way may finish."""
-    return _set_status(studio, slug, CLOSED)
+    return _set_status(studio, slug, CLOSED, actor)
 
 
-def delete_draft(studio: Studio, slug: str) -> None:
-    """Delete a study that was never open, with what previews and simulations left in it."""
-    with studio.database.write() as session:
-        study = session.scalar(select(Study).where(Study.slug == slug).with_for_update())
-        if study is None:
-            raise NotFoundError(f"there is no study named {slug!r}")
-        _delete_draft(session, study)
+def to_change(session: Session, slug: str) -> Study:
+    """The study's row, held for this transaction. Raises NotFoundError."""
+    study = session.scalar(select(Study).where(Study.slug == slug).with_for_update())
+    if study is None:
+        raise NotFoundError(f"there is no study named {slug!r}")
+    return study
 
 
 def _delete_draft(session: Session, study: Study) -> None:
@@ -182,6 +185,11 @@ def _delete_draft(session: Session, study: Study) -> None:
         raise ConflictError(
             f"expected a draft or a new slug, and the study {study.slug!r} is {study.status}"
         )
+    delete_row(session, study)
+
+
+def delete_row(session: Session, study: Study) -> None:
+    """Delete a study with all that hangs on it."""
     session.expunge(study)
     # In the database, not row by row: what hangs on a study goes with it.
     session.execute(delete(Study).where(Study.id == study.id))
@@ -199,20 +207,22 @@ def recording_count(studio: Studio, study_id: int) -> int:
         )
 
 
-def _set_status(studio: Studio, slug: str, status: str) -> StudyInfo:
+def _set_status(studio: Studio, slug: str, status: str, actor: str) -> StudyInfo:
     with studio.database.write() as session:
-        study = session.scalar(select(Study).where(Study.slug == slug).with_for_update())
-        if study is None:
-            raise NotFoundError(f"there is no study named {slug!r}")
+        study = to_change(session, slug)
         if study.status == DRAFT and status == CLOSED:
             raise ConflictError(f"expected an open study to close, and {slug!r} is a draft")
         if study.status != status:
-            study.status = status
+            study.status, study.paused_at = status, None
+            now = studio.now()
             if status == OPEN:
-                study.opened_at = study.opened_at or studio.now()
+                study.opened_at = study.opened_at or now
                 study.closed_at = None
             else:
-                study.closed_at = studio.now()
+                study.closed_at = now
+            done = "study opened" if status == OPEN else "study closed"
+            frozen = study.plans[-1].plan_hash
+            audit.note(session, now, actor, done, slug, plan_hash=frozen)
         return _info(study, study.plans[-1])
 
 
@@ -221,6 +231,24 @@ def stored_plan(version: PlanVersion) -> Plan:
     cached = _PLANS.get(version.plan_hash)
     if cached is None:
         cached = _PLANS[version.plan_hash] = Plan.model_validate(version.plan)
+    return cached
+
+
+def plan_of(row: SessionRow) -> Plan:
+    """The plan as far as this session goes through it: without conditions switched off before it.
+
+    For how many trials and blocks there are; a trial's condition is one of the whole plan's.
+    """
+    return _narrowed(row.plan.plan_hash, stored_plan(row.plan), frozenset(row.trial_conditions))
+
+
+def _narrowed(digest: str, plan: Plan, conditions: frozenset[int]) -> Plan:
+    if len(conditions) == len(plan.conditions):
+        return plan
+    key = (digest, conditions)
+    cached = _NARROWED.get(key)
+    if cached is None:
+        cached = _NARROWED[key] = assignment.narrowed(plan, conditions)
     return cached
 
 

@@ -26,7 +26,7 @@ def arrive(studio: Studio, session: Session, row: SessionRow) -> None:
         # Whoever goes on from here finds the first pair made.
         first = first_query(studio, row)
         coming = [first.left, first.right]
-        plan = studies.stored_plan(row.plan)
+        plan = studies.plan_of(row)
         if plan.familiarises_before(row.trial_index):
             coming = [*playlist.clips(studio, row), *coming]
         studio.proposer.render(coming)

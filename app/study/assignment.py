@@ -5,7 +5,7 @@ and follows every other condition equally often, so that neither practice nor th
 favours one of them.
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 
@@ -68,6 +68,33 @@ def trial_conditions(plan: Plan, order: Sequence[int]) -> tuple[int, ...]:
     size = len(order) // (len(plan.used_environments) if plan.blocks == "environment" else 1)
     blocks = [tuple(order[start : start + size]) for start in range(0, len(order), size)]
     return tuple(index for block in blocks for index in block * plan.trials_per_condition)
+
+
+def conditions_on(plan: Plan, off: Collection[str]) -> tuple[int, ...]:
+    """The indices of the conditions that are not switched off."""
+    return tuple(
+        index for index, condition in enumerate(plan.conditions) if condition.name not in off
+    )
+
+
+def narrowed(plan: Plan, conditions: Collection[int]) -> Plan:
+    """The plan as it is for a session of these conditions alone: how many trials and blocks.
+
+    Raises ValueError if none is left, or if blocks of environments would differ in length.
+    """
+    kept = tuple(plan.conditions[index] for index in sorted(set(conditions)))
+    if not kept:
+        raise ValueError("expected at least one condition, got none")
+    sizes = {
+        name: sum(condition.environment == name for condition in kept)
+        for name in dict.fromkeys(condition.environment for condition in kept)
+    }
+    if plan.blocks == "environment" and len(set(sizes.values())) > 1:
+        counted = ", ".join(f"{number} in {name}" for name, number in sizes.items())
+        raise ValueError(f"expected as many conditions in each environment, got {counted}")
+    return (
+        plan if len(kept) == len(plan.conditions) else plan.model_copy(update={"conditions": kept})
+    )
 
 
 def sample_familiarisation(n_recordings: int, k: int, rng: np.random.Generator) -> tuple[int, ...]:

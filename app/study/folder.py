@@ -1,7 +1,7 @@
 """A study folder: `study.yaml`, texts per language, and recordings, read and checked as a whole."""
 
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
@@ -138,14 +138,17 @@ def _read_texts(
             except UnreadableFileError as error:
                 faults.append(Fault(file, error.line, str(error)))
                 continue
-            if not text.strip():
-                faults.append(Fault(file, None, "expected some text, got an empty file"))
-            faults.extend(
-                Fault(file, line, f"expected words of your own, got the placeholder {placeholder}")
-                for line, placeholder in placeholders(text)
-            )
+            faults.extend(text_faults(file, text))
             texts[language][name] = text
     return texts, faults
+
+
+def text_faults(file: str, text: str) -> Iterator[Fault]:
+    """What of a text is still to be written."""
+    if not text.strip():
+        yield Fault(file, None, "expected some text, got an empty file")
+    for line, placeholder in placeholders(text):
+        yield Fault(file, line, f"expected words of your own, got the placeholder {placeholder}")
 
 
 def _read_recordings(folder: Path, reading: PlanReading) -> tuple[list[RecordingRow], list[Fault]]:

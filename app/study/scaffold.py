@@ -10,13 +10,18 @@ class FolderNotEmptyError(Exception):
     """The folder to begin a study in holds something already (or is a file)."""
 
 
-def init(folder: Path) -> None:
-    """Writes the example study into a new or empty folder."""
+def require_empty(folder: Path) -> None:
+    """Raises FolderNotEmptyError unless the folder is new or empty."""
     if folder.exists() and not folder.is_dir():
         raise FolderNotEmptyError(f"expected a new or empty folder, got the file {folder}")
     if folder.is_dir() and any(folder.iterdir()):
         raise FolderNotEmptyError(
             f"expected a new or empty folder, got {folder}, which holds something already"
         )
+
+
+def init(folder: Path) -> None:
+    """Writes the example study into a new or empty folder."""
+    require_empty(folder)
     # Contents only: an installed example may be read-only, and the copy is there to be edited.
     shutil.copytree(EXAMPLE, folder, copy_function=shutil.copyfile, dirs_exist_ok=True)

@@ -16,6 +16,7 @@ from app.services.errors import (
     SignInRequiredError,
     StudyFullError,
     StudyNotOpenError,
+    StudyPausedError,
 )
 from app.services.state import State
 from app.services.studio import Studio
@@ -275,6 +276,7 @@ def _entrance(
             status=409,
             **about(request, studies.find(studio, slug).plan),
             is_draft=error.is_draft,
+            is_paused=isinstance(error, StudyPausedError),
         )
     state: State = {
         "stage": "consent" if past_welcome or entrance.welcome is None else "welcome",

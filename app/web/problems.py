@@ -43,6 +43,7 @@ KINDS: tuple[tuple[type[Exception], Kind], ...] = (
     (errors.EntryLinkError, Kind(403, "entry-link", "A personal link is needed")),
     (errors.ForbiddenError, Kind(403, "forbidden", "Not allowed")),
     (uploads.UploadRefusedError, Kind(422, "upload-refused", "This file cannot be taken")),
+    (errors.StudyPausedError, Kind(409, "study-paused", "The study is paused")),
     (errors.StudyNotOpenError, Kind(409, "study-not-open", "The study is not open")),
     (errors.SkipReasonError, Kind(422, "skip-reason", "No reason for this")),
     (errors.TooLateToUndoError, Kind(409, "too-late-to-undo", "Too late to undo")),

@@ -28,6 +28,7 @@ class Place(NamedTuple):
 
 PLACES: Final = (
     Place("overview", "", "Overview", Right.DATA),
+    Place("results", "/results", "Results", Right.DATA),
     Place("manage", "/manage", "Manage", Right.CHANGE),
     Place("plan", "/plan", "Plan", Right.DESIGN),
     Place("people", "/people", "People", Right.DATA),

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from fastapi import APIRouter, Request
-from fastapi.responses import RedirectResponse, Response
+from fastapi.responses import Response
 
-from app.services import access, admission, drafts, results, studies
+from app.services import access, drafts, results
 
-from .desk import ChangeOf, DesignOf, OwnForm, SignedIn, desk_page
-from .security import StudioDep, session_cookie, set_cookie
+from .desk import DesignOf, SignedIn, desk_page
+from .security import StudioDep
 from .study_frame import study_page
 
 router = APIRouter(include_in_schema=False)
@@ -71,24 +71,3 @@ def plan(study: DesignOf, request: Request, studio: StudioDep, caller: SignedIn)
             "payload_mb": results.payload_mb(studio, study),
         },
     )
-
-
-@router.post("/studies/{slug}/open", dependencies=[OwnForm])
-def open_study(study: ChangeOf, studio: StudioDep) -> Response:
-    studies.open_study(studio, study.slug)
-    return RedirectResponse(f"/studies/{study.slug}", status_code=303)
-
-
-@router.post("/studies/{slug}/preview", dependencies=[OwnForm])
-def preview(study: ChangeOf, studio: StudioDep) -> Response:
-    """Go through the study as an evaluator would; its data is marked, and left out of results."""
-    token, _ = admission.start(studio, study.slug, mode=admission.PREVIEW, by_experimenter=True)
-    response = RedirectResponse(f"/s/{study.slug}", status_code=303)
-    set_cookie(response, studio, session_cookie(study.slug), token)
-    return response
-
-
-@router.post("/studies/{slug}/close", dependencies=[OwnForm])
-def close_study(study: ChangeOf, studio: StudioDep) -> Response:
-    studies.close_study(studio, study.slug)
-    return RedirectResponse(f"/studies/{study.slug}", status_code=303)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from app.services import studies
+from app.services import lifecycle, studies
 from app.services.errors import ConflictError, NotFoundError
 from app.services.studies import StudyInfo
 from app.services.studio import Studio
@@ -58,10 +58,10 @@ def test_what_was_open_once_is_neither_replaced_nor_deleted(
     with pytest.raises(ConflictError, match="expected a draft or a new slug"):
         studies.create(studio, studies.load_folder(str(write_study(tmp_path / "e", DRAFT_PLAN))))
     with pytest.raises(ConflictError, match="is open"):
-        studies.delete_draft(studio, "draft")
+        lifecycle.delete(studio, "draft")
 
 
 def test_a_deleted_draft_is_gone(studio: Studio, draft: StudyInfo) -> None:
-    studies.delete_draft(studio, "draft")
+    lifecycle.delete(studio, "draft")
     with pytest.raises(NotFoundError):
         studies.find(studio, "draft")

@@ -1,0 +1,159 @@
+"""What is done with a study: tried out, opened, paused, closed, revised, copied, deleted."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from fastapi import APIRouter, Form, Request
+from fastapi.concurrency import run_in_threadpool
+from fastapi.responses import RedirectResponse, Response
+
+from app.services import admission, drafts, lifecycle, revision, studies
+from app.services.accounts import Experimenter
+from app.services.errors import ConflictError
+from app.services.studies import StudyInfo
+from app.services.studio import Studio
+from app.study.faults import StudyFaults
+
+from .desk import ChangeOf, OwnerOf, OwnForm, SignedIn
+from .security import StudioDep, session_cookie, set_cookie
+from .study_frame import study_page
+
+router = APIRouter(include_in_schema=False)
+
+
+@router.get("/studies/{slug}/manage")
+def manage(study: ChangeOf, request: Request, studio: StudioDep, caller: SignedIn) -> Response:
+    return _manage(request, studio, caller, study)
+
+
+@router.post("/studies/{slug}/preview", dependencies=[OwnForm])
+def preview(study: ChangeOf, studio: StudioDep) -> Response:
+    """Go through the study as an evaluator would; its data is marked, and left out of results."""
+    token, _ = admission.start(studio, study.slug, mode=admission.PREVIEW, by_experimenter=True)
+    response = RedirectResponse(f"/s/{study.slug}", status_code=303)
+    set_cookie(response, studio, session_cookie(study.slug), token)
+    return response
+
+
+@router.post("/studies/{slug}/open", dependencies=[OwnForm])
+def open_study(study: ChangeOf, studio: StudioDep, caller: SignedIn) -> Response:
+    studies.open_study(studio, study.slug, caller.email)
+    return _to(study, "/manage")
+
+
+@router.post("/studies/{slug}/close", dependencies=[OwnForm])
+def close_study(study: ChangeOf, studio: StudioDep, caller: SignedIn) -> Response:
+    studies.close_study(studio, study.slug, caller.email)
+    return _to(study, "/manage")
+
+
+@router.post("/studies/{slug}/pause", dependencies=[OwnForm])
+def pause(study: ChangeOf, studio: StudioDep, caller: SignedIn) -> Response:
+    lifecycle.pause(studio, study.slug, caller.email)
+    return _to(study, "/manage")
+
+
+@router.post("/studies/{slug}/resume", dependencies=[OwnForm])
+def resume(study: ChangeOf, studio: StudioDep, caller: SignedIn) -> Response:
+    lifecycle.resume(studio, study.slug, caller.email)
+    return _to(study, "/manage")
+
+
+@router.post("/studies/{slug}/clone", dependencies=[OwnForm])
+def clone(
+    study: ChangeOf,
+    request: Request,
+    studio: StudioDep,
+    caller: SignedIn,
+    new_slug: Annotated[str, Form(max_length=100)] = "",
+) -> Response:
+    """A copy to be changed. Without another slug it is meant to take this draft's place."""
+    try:
+        draft = drafts.clone(studio, caller, study, new_slug or study.slug)
+    except ConflictError as error:
+        return _manage(request, studio, caller, study, str(error))
+    return RedirectResponse(f"/drafts/{draft.public_id}", status_code=303)
+
+
+@router.post("/studies/{slug}/delete", dependencies=[OwnForm])
+def delete(
+    study: OwnerOf,
+    request: Request,
+    studio: StudioDep,
+    caller: SignedIn,
+    typed: Annotated[str, Form(max_length=100)] = "",
+) -> Response:
+    try:
+        lifecycle.delete(studio, study.slug, caller.email, typed=typed.strip())
+    except ConflictError as error:
+        return _manage(request, studio, caller, study, str(error))
+    return RedirectResponse("/studies", status_code=303)
+
+
+@router.get("/studies/{slug}/texts")
+def texts(study: ChangeOf, request: Request, studio: StudioDep, caller: SignedIn) -> Response:
+    return study_page(request, studio, caller, study, "texts", texts=study.texts, faults=())
+
+
+@router.post("/studies/{slug}/texts", dependencies=[OwnForm])
+async def revise(
+    study: ChangeOf, request: Request, studio: StudioDep, caller: SignedIn
+) -> Response:
+    form = await request.form()
+    given = {
+        language: {name: str(form.get(f"{language}/{name}", "")) for name in named}
+        for language, named in study.texts.items()
+    }
+    return await run_in_threadpool(_revise, request, studio, caller, study, given)
+
+
+def _revise(
+    request: Request,
+    studio: Studio,
+    caller: Experimenter,
+    study: StudyInfo,
+    given: dict[str, dict[str, str]],
+) -> Response:
+    try:
+        revision.revise_texts(studio, study.slug, given, caller.email)
+    except StudyFaults as error:
+        return study_page(
+            request,
+            studio,
+            caller,
+            study,
+            "texts",
+            status_code=422,
+            texts=given,
+            faults=error.faults,
+        )
+    return _to(study, "/plan")
+
+
+def _manage(
+    request: Request,
+    studio: Studio,
+    caller: Experimenter,
+    study: StudyInfo,
+    refused: str | None = None,
+) -> Response:
+    return study_page(
+        request,
+        studio,
+        caller,
+        study,
+        "manage",
+        status_code=200 if refused is None else 409,
+        more={
+            "plan_hash": study.plan_hash,
+            "plan_version": study.plan_version,
+            "opened_at": study.opened_at,
+            "paused_at": study.paused_at,
+        },
+        refused=refused,
+    )
+
+
+def _to(study: StudyInfo, place: str) -> Response:
+    return RedirectResponse(f"/studies/{study.slug}{place}", status_code=303)

@@ -11,7 +11,7 @@ from sqlalchemy.orm import Session
 from app.storage.arrivals import EntryLink
 from app.study.plan import Plan
 
-from . import studies
+from . import audit, studies
 from .errors import ConflictError, EntryLinkError
 from .studio import Studio
 from .tokens import new_secret, secret_hash
@@ -28,7 +28,9 @@ class Counts:
     used: int
 
 
-def create(studio: Studio, slug: str, count: int, label: str = "") -> list[str]:
+def create(
+    studio: Studio, slug: str, count: int, label: str = "", actor: str = audit.COMMAND_LINE
+) -> list[str]:
     """Make links to a study that wants them: their paths, shown this once."""
     if not 1 <= count <= MOST_AT_ONCE:
         raise ConflictError(f"expected a number of links from 1 to {MOST_AT_ONCE}, got {count}")
@@ -45,6 +47,7 @@ def create(studio: Studio, slug: str, count: int, label: str = "") -> list[str]:
             EntryLink(study_id=study.id, token_hash=secret_hash(token), label=label, created_at=now)
             for token in tokens
         )
+        audit.note(session, now, actor, "links made", slug, count=count, label=label)
     return [f"/s/{slug}?entry={token}" for token in tokens]
 
 

@@ -114,6 +114,21 @@ class WayBack:
     fields: Mapping[str, str] = field(default_factory=dict)
 
 
+def study_link(platform: str, address: str, parameter: str) -> str:
+    """The study's link as it is given to a platform, whose marks stand for what it fills in.
+
+    Connect and Mechanical Turk add their parameters to a plain link themselves.
+    """
+    match platform:
+        case "prolific":
+            names = PLATFORMS[platform].parameters
+            return address + "?" + "&".join(f"{name}={{{{%{name}%}}}}" for name in names)
+        case "sona":
+            return f"{address}?{parameter}=%SURVEY_CODE%"
+        case _:
+            return address
+
+
 def kept(recruitment: Recruitment, given: Mapping[str, str]) -> dict[str, str]:
     """What may be kept of the parameters of a link: the platform's own, and none besides."""
     known = {name: given[name][:LONGEST_ID] for name in recruitment.parameters if given.get(name)}

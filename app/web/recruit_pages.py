@@ -1,0 +1,141 @@
+"""Bringing people in: links per platform, links for one person each, places, and conditions."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Annotated, Any, get_args
+
+from fastapi import APIRouter, Form, Request
+from fastapi.responses import RedirectResponse, Response
+
+from app.services import entry_links, lifecycle, places
+from app.services.accounts import Experimenter
+from app.services.errors import ConflictError
+from app.services.studies import StudyInfo
+from app.services.studio import Studio
+from app.services.watching.conditions import conditions
+from app.study.recruitment import (
+    NO_PLATFORM,
+    PLATFORMS,
+    Outcome,
+    Recruitment,
+    study_link,
+    way_back,
+)
+
+from .desk import ChangeOf, OwnForm, SignedIn
+from .security import StudioDep
+from .study_frame import study_page
+
+router = APIRouter(include_in_schema=False)
+
+LIVE = "live"
+#: More than this many at once is for the command line, which writes them into a file.
+MOST_LINKS = 500
+
+
+@router.get("/studies/{slug}/recruit")
+def recruit(study: ChangeOf, request: Request, studio: StudioDep, caller: SignedIn) -> Response:
+    return _recruit(request, studio, caller, study)
+
+
+@router.post("/studies/{slug}/links", dependencies=[OwnForm])
+def make_links(
+    study: ChangeOf,
+    request: Request,
+    studio: StudioDep,
+    caller: SignedIn,
+    count: Annotated[int, Form(ge=1, le=MOST_LINKS)],
+    label: Annotated[str, Form(max_length=100)] = "",
+) -> Response:
+    """New links, shown in this answer and never again."""
+    try:
+        paths = entry_links.create(studio, study.slug, count, label.strip(), caller.email)
+    except ConflictError as error:
+        return _recruit(request, studio, caller, study, refused=str(error))
+    base = str(request.base_url).rstrip("/")
+    return _recruit(request, studio, caller, study, made=[f"{base}{path}" for path in paths])
+
+
+@router.post("/studies/{slug}/conditions", dependencies=[OwnForm])
+def switch(
+    study: ChangeOf,
+    request: Request,
+    studio: StudioDep,
+    caller: SignedIn,
+    on: Annotated[list[str] | None, Form()] = None,
+) -> Response:
+    try:
+        lifecycle.switch_conditions(studio, study.slug, on or [], caller.email)
+    except ConflictError as error:
+        return _recruit(request, studio, caller, study, refused=str(error))
+    return RedirectResponse(f"/studies/{study.slug}/recruit", status_code=303)
+
+
+def _recruit(
+    request: Request,
+    studio: Studio,
+    caller: Experimenter,
+    study: StudyInfo,
+    *,
+    refused: str | None = None,
+    made: Sequence[str] = (),
+) -> Response:
+    with studio.database.read() as session:
+        taken = places.by_order(session, study, LIVE, studio.now()).total()
+    recruitment = study.plan.recruitment
+    address = f"{str(request.base_url).rstrip('/')}/s/{study.slug}"
+    return study_page(
+        request,
+        studio,
+        caller,
+        study,
+        "recruit",
+        status_code=200 if refused is None else 409,
+        refused=refused,
+        made=made,
+        most_links=MOST_LINKS,
+        platform=recruitment.label,
+        links=_links(recruitment, address),
+        single_use=(
+            entry_links.counts(studio, study.id) if entry_links.wanted(study.plan) else None
+        ),
+        ways_back=list(_ways_back(recruitment)),
+        taken=taken,
+        wanted=study.plan.places,
+        conditions=[
+            line
+            for line in conditions(studio, study, [LIVE])
+            if line.name in {condition.name for condition in study.plan.conditions}
+        ],
+    )
+
+
+def _links(recruitment: Recruitment, address: str) -> list[dict[str, Any]]:
+    """The link for each platform; the plan's own platform comes first."""
+    labels = {NO_PLATFORM: "A link of your own"}
+    labels |= {name: platform.label for name, platform in PLATFORMS.items()}
+    added = {
+        "connect": "Connect adds its parameters to it.",
+        "mturk": "Mechanical Turk adds its parameters to it, as an external question.",
+        "prolific": "Choose the address parameters when you set the study up at Prolific.",
+        "sona": "SONA fills the survey code in.",
+    }
+    names = sorted(labels, key=lambda name: name != recruitment.platform)
+    return [
+        {
+            "key": name,
+            "label": labels[name],
+            "address": study_link(name, address, recruitment.parameter),
+            "note": added.get(name, ""),
+            "is_chosen": name == recruitment.platform,
+        }
+        for name in names
+    ]
+
+
+def _ways_back(recruitment: Recruitment) -> Any:
+    for outcome in get_args(Outcome):
+        way = way_back(recruitment, outcome, {})
+        if way is not None:
+            yield {"outcome": outcome.replace("_", " "), "code": way.code, "url": way.url}

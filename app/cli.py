@@ -121,10 +121,14 @@ def demo(port: Port = 8000, host: Host = "127.0.0.1", data_dir: DataDir = None) 
 def serve(port: Port = 8000, host: Host = "127.0.0.1", data_dir: DataDir = None) -> None:
     """Serve the studies that are there."""
     from app.server import listen, serve_app
+    from app.services import safety
 
-    socket = listen(host, port)
-    studio = studio_of(data_dir)
-    serve_app(studio, socket, lambda: out.print(f"http://{host}:{socket.getsockname()[1]}"))
+    with listen(host, port) as socket:
+        studio = studio_of(data_dir)
+        safety.require_safe(studio)
+        for sentence in safety.unsafe_settings(studio, host):
+            print(f"pbpo: {sentence}", file=sys.stderr)
+        serve_app(studio, socket, lambda: out.print(f"http://{host}:{socket.getsockname()[1]}"))
 
 
 @study_app.command("init")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import datetime, timedelta
 from enum import StrEnum
 from functools import cache
@@ -59,8 +59,8 @@ class Experimenter:
     email: str
     role: Role
     scope: Scope = Scope.WRITE
-    # Which of the account's sign-ins it is; None for an API token.
-    sign_in_id: int | None = None
+    # Which of the account's sign-ins it is; None for an API token. Somebody is the same in both.
+    sign_in_id: int | None = field(default=None, compare=False)
 
 
 def create(

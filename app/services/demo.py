@@ -8,12 +8,13 @@ import secrets
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from . import accounts, studies
+from . import account_list, accounts, audit, studies
 from .errors import NotFoundError, SignInRequiredError
 from .studio import Studio
 
 STUDY = "waste-crane"
 EMAIL = "demo@pbpo.example"
+ACCESS_FILE = "access.json"
 
 
 @dataclass(frozen=True)
@@ -37,11 +38,12 @@ def prepare(studio: Studio, base_url: str) -> Access:
     if study.status == studies.DRAFT:
         studies.open_study(studio, STUDY)
 
-    path = studio.settings.data_dir / "access.json"
+    path = studio.settings.data_dir / ACCESS_FILE
     kept = _read(path)
     password = kept.get("password") or secrets.token_urlsafe(12)
     try:
         experimenter = accounts.find(studio, EMAIL)
+        account_list.enable(studio, EMAIL, audit.COMMAND_LINE)
         if not kept.get("password"):
             accounts.set_password(studio, EMAIL, password)
     except NotFoundError:

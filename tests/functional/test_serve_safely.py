@@ -1,0 +1,88 @@
+"""`pbpo serve` over the demo's data, and over settings that are less safe than they could be."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from app.services import account_list, accounts, audit, demo, safety
+from app.services.accounts import Role
+from app.services.errors import ConflictError
+from app.services.settings import Settings
+from app.services.studio import Studio, open_studio
+from tests.conftest import Idle
+
+from .conftest import EMAIL, PASSWORD
+from .served import Served
+from .test_commands import Run, mistake, pbpo
+
+__all__ = ["pbpo"]
+
+
+def test_the_demos_account_is_not_served_until_it_is_disabled(
+    pbpo: Run, tmp_path: Path, media_dir: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    data_dir = tmp_path / "data"
+    studio = open_studio(Settings(data_dir=data_dir, media_dir=media_dir), background=Idle(1))
+    access = demo.prepare(studio, "http://127.0.0.1:8000")
+    studio.close()
+
+    said = mistake(pbpo("serve", "--port", 0))
+    assert f"{demo.EMAIL} can sign in with the password in access.json" in said
+    assert access.password not in said
+    assert "the last one" in mistake(pbpo("account", "disable", demo.EMAIL))
+
+    monkeypatch.setattr("typer.prompt", lambda *_, **__: PASSWORD)
+    assert pbpo("account", "create", EMAIL, "--role", "admin").status == 0
+    assert pbpo("account", "disable", demo.EMAIL).status == 0
+    with Served("serve", data_dir, media_dir) as server:
+        assert "access.json holds the demo's password" in server.output
+
+    # The demo itself may be run over the same data again, and works.
+    studio = open_studio(Settings(data_dir=data_dir, media_dir=media_dir), background=Idle(1))
+    again = demo.prepare(studio, "http://127.0.0.1:8000")
+    assert accounts.by_sign_in(studio, accounts.sign_in(studio, again.email, again.password))
+    studio.close()
+
+
+@pytest.mark.parametrize(
+    ("host", "secure", "expected"),
+    [
+        ("127.0.0.1", False, 0),
+        ("::1", False, 0),
+        ("localhost", False, 0),
+        ("0.0.0.0", False, 1),
+        ("lab.example", False, 1),
+        ("0.0.0.0", True, 0),
+    ],
+)
+def test_cookies_over_plain_http_are_said_where_others_can_listen(
+    studio: Studio, tmp_path: Path, media_dir: Path, host: str, secure: bool, expected: int
+) -> None:
+    settings = Settings(data_dir=tmp_path / "new", media_dir=media_dir, secure_cookies=secure)
+    opened = open_studio(settings, background=Idle(1))
+    said = list(safety.unsafe_settings(opened, host))
+    opened.close()
+    assert len(said) == expected, said
+    assert all("PBPO_SECURE_COOKIES=true" in sentence for sentence in said)
+
+
+def test_a_data_folder_that_others_can_read_is_said(studio: Studio) -> None:
+    folder = studio.settings.data_dir
+    folder.chmod(0o750)
+    assert [f"chmod 700 {folder}" in said for said in safety.unsafe_settings(studio, "::1")] == [
+        True
+    ]
+    folder.chmod(0o700)
+    assert list(safety.unsafe_settings(studio, "::1")) == []
+
+
+def test_only_the_demos_account_is_refused(studio: Studio) -> None:
+    accounts.create(studio, EMAIL, PASSWORD)
+    safety.require_safe(studio)
+    accounts.create(studio, demo.EMAIL, PASSWORD, Role.REVIEWER)
+    with pytest.raises(ConflictError, match="expected no demo account"):
+        safety.require_safe(studio)
+    account_list.disable(studio, demo.EMAIL, audit.COMMAND_LINE)
+    safety.require_safe(studio)

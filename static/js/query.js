@@ -92,7 +92,7 @@ const buttons = new AnswerButtons(stage, (response, event) => respond(response, 
 const undo = new Undo(byId("undo"), (queryId) => takeBack(queryId));
 new Theatre(byId("enlarge"), (enlarged) => evidence.add("fullscreen", null, enlarged ? 1 : 0));
 const outbox = new Outbox(api, {
-  onLate: () => warn(gettext("Not saved yet. Trying again."), gettext("Try now"), () => outbox.tryNow()),
+  onLate: () => warn(gettext("Not saved yet. Your answer is kept here, and sent again by itself."), gettext("Try now"), () => outbox.tryNow()),
   onSaved: () => announce(gettext("Saved.")),
 });
 

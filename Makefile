@@ -6,7 +6,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 
-.PHONY: demo test lint messages calibration bench clean
+.PHONY: demo test lint messages screenshots no-wait calibration bench clean
 .DEFAULT_GOAL := demo
 
 $(VENV)/.made:
@@ -44,6 +44,16 @@ messages: $(VENV)/.app
 	@mkdir -p build
 	@$(BIN)/pybabel --quiet extract --mapping pyproject.toml --keyword translatable --add-location file --sort-by-file --no-wrap --omit-header --output build/pbpo.pot .
 	@$(BIN)/pybabel --quiet update --domain pbpo --input-file build/pbpo.pot --output-dir app/web/locale --no-fuzzy-matching --ignore-obsolete --no-wrap --ignore-pot-creation-date
+
+# The pictures of docs/evaluator.md, taken of the pages as they are now.
+screenshots: $(VENV)/.dev
+	@$(BIN)/python -m tests.browser.take_screenshots
+
+# How long evaluators wait for the next pair, in a real browser: about 20 minutes, on a machine that does nothing else.
+no-wait: $(VENV)/.dev
+	@$(BIN)/pbpo media render --environment env1 --media-dir media
+	@$(BIN)/python -m tests.browser.measure_no_wait --media-dir media
+	@$(BIN)/python -m tests.browser.measure_no_wait --media-dir media --queries 100 --look-s 6 --mbit-s 4
 
 calibration: $(VENV)/.app
 	@$(BIN)/python -m app.crane.calibration

@@ -10,7 +10,7 @@ from app.figures.tables import Table, distinct, inline, require, where
 
 #: So many people can be named below their bars.
 FEW = 8
-WIDEST = 720
+WIDEST = 420
 
 
 def counts(

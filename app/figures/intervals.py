@@ -8,7 +8,7 @@ from app.figures.looks import COLOURS, INK, QUIET, panel_of, stacked
 from app.figures.tables import Table, distinct, inline, require, where
 
 #: Height of a row with its name, and of one among so many that names would not be read.
-ROW_HEIGHT, THIN_ROW_HEIGHT = 22, 5
+ROW_HEIGHT, THIN_ROW_HEIGHT = 22, 3
 MOST_NAMED_ROWS = 40
 
 

@@ -32,6 +32,7 @@ from app.storage.tables import Candidate, Recording
 from app.study.checks import Checks
 
 from .background import Background
+from .beliefs import Beliefs
 
 #: One answered query: left candidate, right candidate, "left" | "right" | "skip".
 Answer = tuple[int, int, str]
@@ -139,6 +140,8 @@ class Proposer:
         self._lock = threading.Lock()
         self._spaces: dict[tuple[int, str], Space] = {}
         self._steps: OrderedDict[tuple[int, History], Step] = OrderedDict()
+        #: What models believe, for those who look at a session.
+        self.beliefs = Beliefs()
         # Trials whose person had them deleted: work that is under way must not bring them back.
         self._forgotten: set[int] = set()
 
@@ -166,6 +169,7 @@ class Proposer:
 
     def forget(self, seeds: frozenset[int]) -> None:
         """Forget the trials of these seeds: their histories were deleted."""
+        self.beliefs.forget(seeds)
         with self._lock:
             self._forgotten |= seeds
             for key in [key for key in self._steps if key[0] in seeds]:

@@ -9,11 +9,13 @@ import math
 from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from datetime import datetime
 from enum import StrEnum
 from itertools import groupby
 from operator import itemgetter
 from types import MappingProxyType
 from typing import Any, Final
+from weakref import WeakKeyDictionary
 
 from sqlalchemy import ColumnElement, case, func, select
 from sqlalchemy.orm import Session
@@ -75,6 +77,10 @@ RULES: Final[Mapping[Flag, str]] = MappingProxyType(
 _CLOSINGS: Final = ("set_aside", "undone")
 #: Rows fetched at a time.
 _BATCH: Final = 1_000
+#: Sessions whose watching is remembered, for each database.
+_MOST_KNOWN: Final = 50_000
+_Known = dict[int, tuple[tuple[datetime, int, int], int, int]]
+_KNOWN: WeakKeyDictionary[Any, _Known] = WeakKeyDictionary()
 
 
 @dataclass(frozen=True)
@@ -119,7 +125,7 @@ def flags(session: Session, study_id: int, modes: Sequence[str]) -> Mapping[int,
     """
     of = (SessionRow.study_id == study_id, SessionRow.mode.in_(modes))
     counted: dict[int, Counter[str]] = defaultdict(Counter)
-    for part in (_answers, _checks, _watching, _faults):
+    for part in (_answers, _checks, _faults, _watching):
         part(session, of, counted)
     return {key: flags_of(Evidence(**found)) for key, found in counted.items()}
 
@@ -159,36 +165,58 @@ def _checks(session: Session, of: _Of, counted: _Counted) -> None:
 
 
 def _watching(session: Session, of: _Of, counted: _Counted) -> None:
-    """What the browser last told, at each place, of how much of each video was played."""
+    """What the browser last told, at each place, of how much of each video was played.
+
+    A session has a thousand events, and a page that follows a study asks every second: what was
+    counted is kept for as long as nothing happens in the session.
+    """
+    known = _KNOWN.setdefault(session.get_bind(), {})
+    if len(known) > _MOST_KNOWN:
+        known.clear()
+    now = {
+        key: (last_seen_at, counted[key]["answers"], counted[key]["set_aside"])
+        for key, last_seen_at in session.execute(
+            select(SessionRow.id, SessionRow.last_seen_at).where(*of)
+        )
+    }
+    changed = [key for key, at in now.items() if key not in known or known[key][0] != at]
+    for start in range(0, len(changed), _BATCH):
+        part = changed[start : start + _BATCH]
+        found = _watched(session, part)
+        known |= {key: (now[key], *found.get(key, (0, 0))) for key in part}
+    for key in now:
+        _, told, unwatched = known.get(key, (None, 0, 0))
+        counted[key].update(told=told, unwatched=unwatched)
+
+
+def _watched(session: Session, keys: Sequence[int]) -> dict[int, tuple[int, int]]:
+    """By session: of how many answered places anything was told, and how many were unwatched."""
     place = (Event.session_id, Event.trial_index, Event.query_index)
     closed: dict[tuple[int, ...], int] = {
         tuple(at): last
         for *at, last in session.execute(
             select(*place, func.max(Event.id))
-            .join(SessionRow, Event.session_id == SessionRow.id)
-            .where(Event.event.in_(_CLOSINGS), *of)
+            .where(Event.session_id.in_(keys), Event.event.in_(_CLOSINGS))
             .group_by(*place)
         )
     }
     told: Any = session.execute(
         select(*place, Event.id, Event.side, Event.value)
-        .join(SessionRow, Event.session_id == SessionRow.id)
-        .where(Event.event == "watched", Event.trial_index >= 0, *of)
+        .where(Event.session_id.in_(keys), Event.event == "watched", Event.trial_index >= 0)
         .order_by(Event.session_id, Event.id)
         .execution_options(yield_per=_BATCH)
     )
+    found: dict[int, tuple[int, int]] = {}
     for session_key, rows in groupby(told, key=itemgetter(0)):
-        seen: dict[tuple[int, ...], dict[str | None, float]] = {}
+        seen: dict[tuple[int, int], dict[str | None, float]] = {}
         for _, trial, query, key, side, value in rows:
-            at = (session_key, trial, query)
             part = _part(value)
-            if part is not None and key > closed.get(at, -1):
+            if part is not None and key > closed.get((session_key, trial, query), -1):
                 # In the order of their keys: of each side the last one stays.
-                seen.setdefault(at, {})[side] = part
-        counted[session_key]["told"] += len(seen)
-        counted[session_key]["unwatched"] += sum(
-            min(parts.values()) < WATCHED_PART for parts in seen.values()
-        )
+                seen.setdefault((trial, query), {})[side] = part
+        unwatched = sum(min(parts.values()) < WATCHED_PART for parts in seen.values())
+        found[session_key] = (len(seen), unwatched)
+    return found
 
 
 def _faults(session: Session, of: _Of, counted: _Counted) -> None:

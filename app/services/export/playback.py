@@ -70,7 +70,7 @@ def _rows(session: Session, request: Request) -> Iterator[Row]:
         # Both come in the same order: one walk through each.
         while at is not None and at < place:
             at, events = next(seen, (None, ()))
-        yield (public_id, trial_index, query_index, *_summary(events if at == place else ()))
+        yield (public_id, trial_index, query_index, *summary(events if at == place else ()))
 
 
 def _events_by_place(
@@ -87,8 +87,8 @@ def _events_by_place(
         yield at, [event for _, event in rows]
 
 
-def _summary(events: Sequence[Event]) -> Row:
-    """The columns after the place; all empty where the browser told nothing."""
+def summary(events: Sequence[Event]) -> Row:
+    """The columns after the place, in their order; all empty where the browser told nothing."""
     closed = [place for place, event in enumerate(events) if event.event in CLOSINGS]
     events = events[closed[-1] + 1 :] if closed else events
     if not events:

@@ -175,7 +175,7 @@ def test_a_band_goes_from_quartile_to_quartile() -> None:
 def test_many_people_share_the_width_and_go_unnamed() -> None:
     many = [{"panel": "p", "person": str(n), "count": n % 5} for n in range(200)]
     panel = counts(many).to_dict()["hconcat"][0]
-    assert panel["width"] == 720
+    assert panel["width"] == 420
     assert panel["layer"][0]["encoding"]["x"]["axis"]["labels"] is False
 
 

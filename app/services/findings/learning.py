@@ -1,0 +1,119 @@
+"""What was learnt in one trial: how the acquired candidate moved, and what the model believes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from itertools import pairwise
+from types import MappingProxyType
+from typing import Any, Final
+
+import numpy as np
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from app.services import queries
+from app.services.course import learned
+from app.services.errors import NotFoundError
+from app.services.studies import StudyInfo
+from app.services.studio import Studio
+from app.services.watching.story import find_session
+from app.storage.tables import Acquired, Trial
+
+from .found import Found, Row
+
+
+def find(studio: Studio, study: StudyInfo, session_id: str, trial_index: int, name: str) -> Found:
+    """One finding of LEARNING of a trial. Raises NotFoundError if there is no such trial."""
+    with studio.database.read() as session:
+        row = find_session(session, study, session_id)
+        trial = session.scalar(
+            select(Trial).where(Trial.session_id == row.id, Trial.trial_index == trial_index)
+        )
+        if trial is None or trial_index < 0:
+            raise NotFoundError(f"the session {session_id!r} has no trial {trial_index}")
+        return LEARNING[name](studio, session, trial)
+
+
+def path(studio: Studio, session: Session, trial: Trial) -> Found:
+    """The acquired candidate after each answer."""
+    space = studio.proposer.space(trial.session.study_id, trial.environment)
+    rows: list[Row] = [
+        {
+            "query_index": at,
+            "candidate": candidate,
+            **_point(space, candidate),
+            "posterior_mean": mean,
+            "posterior_std": std,
+        }
+        for at, candidate, mean, std in session.execute(
+            select(
+                Acquired.query_index,
+                Acquired.candidate,
+                Acquired.posterior_mean,
+                Acquired.posterior_std,
+            )
+            .where(Acquired.trial_id == trial.id)
+            .order_by(Acquired.query_index)
+        )
+    ]
+    if not rows:
+        return Found((), "Nothing is acquired before the first answer.")
+    moves = [
+        here["query_index"] + 1
+        for before, here in pairwise(rows)
+        if before["candidate"] != here["candidate"]
+    ]
+    last = f"the last time at answer {moves[-1]}" if moves else "from the first answer on"
+    says = (
+        f"Candidate {rows[-1]['candidate']} is acquired after {len(rows)} answers;"
+        f" it changed {len(moves)} times, {last}."
+        if moves
+        else f"Candidate {rows[-1]['candidate']} is acquired {last}."
+    )
+    return Found(rows, says)
+
+
+def posterior(studio: Studio, session: Session, trial: Trial) -> Found:
+    """Posterior mean and deviation over the candidates after all answers so far."""
+    in_hand = queries.trial_in_hand(trial.session, trial.trial_index, trial.seed)
+    space = studio.proposer.space(in_hand.study_id, in_hand.environment)
+    record = queries.read_record(session, trial.id)
+    belief = studio.proposer.beliefs.after(
+        space.candidates,
+        in_hand.method,
+        in_hand.settings,
+        in_hand.seed,
+        learned(in_hand, record),
+    )
+    if belief is None:
+        return Found((), f"There is no model to show: {trial.method}, {len(record)} answers.")
+    mean, std = belief
+    shown = np.zeros(len(mean), dtype=int)
+    for query in record:
+        shown[[query.left, query.right]] += 1
+    rows: list[Row] = [
+        {
+            "candidate": candidate,
+            **_point(space, candidate),
+            "posterior_mean": float(mean[candidate]),
+            "posterior_std": float(std[candidate]),
+            "times_shown": int(shown[candidate]),
+        }
+        for candidate in range(len(mean))
+    ]
+    best = int(np.argmax(mean))
+    where = ", ".join(f"{name} {value:g}" for name, value in _point(space, best).items())
+    says = (
+        f"After {len(record)} answers the mean is highest at candidate {best} ({where});"
+        f" {int((shown > 0).sum())} of {len(mean)} candidates were shown."
+    )
+    return Found(rows, says, extra={"best": best})
+
+
+def _point(space: Any, candidate: int) -> dict[str, float]:
+    return dict(zip(space.parameters, map(float, space.candidates[candidate]), strict=True))
+
+
+LEARNING: Final[Mapping[str, Callable[[Studio, Session, Trial], Found]]] = MappingProxyType(
+    {"path": path, "posterior": posterior}
+)

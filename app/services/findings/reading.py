@@ -1,0 +1,117 @@
+"""What findings are worked out from, read plainly: answers, acquired candidates, scores."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+from sqlalchemy import func, select
+from sqlalchemy.orm import Session
+
+from app.services.export.columns import Request, sessions_of
+from app.storage.tables import (
+    Acquired,
+    Candidate,
+    Participant,
+    QueryRow,
+    Recording,
+    Response,
+    SessionRow,
+    Trial,
+)
+
+_BATCH = 1_000
+
+
+class Answer(NamedTuple):
+    """One answered query of a trial; the practice is left out."""
+
+    session: str
+    participant: str
+    trial: int
+    condition: str
+    environment: str
+    query: int
+    trial_type: str
+    left: int
+    right: int
+    response: str
+    rt_ms: float | None
+
+
+class Holding(NamedTuple):
+    """The acquired candidate after one response."""
+
+    session: str
+    participant: str
+    trial: int
+    condition: str
+    environment: str
+    finished: bool
+    query: int
+    candidate: int
+
+
+def answers(session: Session, request: Request) -> Iterator[Answer]:
+    """In the order of sessions, trials and queries."""
+    statement = (
+        select(
+            SessionRow.public_id,
+            Participant.pseudonym,
+            Trial.trial_index,
+            Trial.condition,
+            Trial.environment,
+            QueryRow.query_index,
+            QueryRow.trial_type,
+            QueryRow.left_candidate,
+            QueryRow.right_candidate,
+            Response.response,
+            Response.rt_ms,
+        )
+        .select_from(SessionRow)
+        .join(Participant, SessionRow.participant_id == Participant.id)
+        .join(Trial, Trial.session_id == SessionRow.id)
+        .join(QueryRow, QueryRow.trial_id == Trial.id)
+        .join(Response, Response.query_id == QueryRow.id)
+        .where(Trial.trial_index >= 0, *sessions_of(request))
+        .order_by(SessionRow.id, Trial.trial_index, QueryRow.query_index)
+    )
+    rows: Any = session.execute(statement.execution_options(yield_per=_BATCH))
+    for row in rows:
+        yield Answer(*row)
+
+
+def holdings(session: Session, request: Request) -> Iterator[Holding]:
+    """The acquired candidates, in the order of sessions, trials and queries."""
+    statement = (
+        select(
+            SessionRow.public_id,
+            Participant.pseudonym,
+            Trial.trial_index,
+            Trial.condition,
+            Trial.environment,
+            Trial.ended_at.is_not(None),
+            Acquired.query_index,
+            Acquired.candidate,
+        )
+        .select_from(SessionRow)
+        .join(Participant, SessionRow.participant_id == Participant.id)
+        .join(Trial, Trial.session_id == SessionRow.id)
+        .join(Acquired, Acquired.trial_id == Trial.id)
+        .where(Trial.trial_index >= 0, *sessions_of(request))
+        .order_by(SessionRow.id, Trial.trial_index, Acquired.query_index)
+    )
+    rows: Any = session.execute(statement.execution_options(yield_per=_BATCH))
+    for row in rows:
+        yield Holding(*row)
+
+
+def scores(session: Session, request: Request) -> dict[tuple[str, int], float]:
+    """The mean score of each candidate's recordings that have one, by environment and index."""
+    rows = session.execute(
+        select(Candidate.environment, Candidate.candidate_index, func.avg(Recording.score))
+        .join(Recording, Recording.candidate_id == Candidate.id)
+        .where(Candidate.study_id == request.study.id, Recording.score.is_not(None))
+        .group_by(Candidate.environment, Candidate.candidate_index)
+    )
+    return {(environment, index): float(score) for environment, index, score in rows}

@@ -1,0 +1,71 @@
+/**
+ * Small videos that play while they are pointed at, focused or pressed. One that is there already shows its first
+ * picture once it comes near; one that would have to be made is only made when it is asked for.
+ */
+
+import { wantsLessMotion } from "./dom.js";
+
+const AHEAD = "100px";
+
+/** @param {HTMLVideoElement} video */
+function play(video) {
+  // A video that cannot be had stays as it is: what there is to know of it stands beside it.
+  video.play().catch(() => {});
+}
+
+/** @param {HTMLVideoElement} video */
+function rest(video) {
+  video.pause();
+  if (video.readyState > 0) {
+    video.currentTime = 0;
+  }
+}
+
+const watcher = new IntersectionObserver(
+  (entries) => {
+    for (const { isIntersecting, target } of entries) {
+      if (isIntersecting && target instanceof HTMLVideoElement) {
+        watcher.unobserve(target);
+        target.preload = "metadata";
+      }
+    }
+  },
+  { rootMargin: AHEAD },
+);
+
+for (const thumb of document.querySelectorAll("[data-thumb]")) {
+  const video = thumb.querySelector("video");
+  if (!video) {
+    continue;
+  }
+  if ("ready" in video.dataset) {
+    watcher.observe(video);
+  }
+  video.loop = true;
+  if (!wantsLessMotion()) {
+    thumb.addEventListener("pointerenter", (event) => {
+      if (event instanceof PointerEvent && event.pointerType === "mouse") {
+        play(video);
+      }
+    });
+    thumb.addEventListener("focus", () => thumb.matches(":focus-visible") && play(video));
+  }
+  let playedBefore = false;
+  // The pointer or the focus has begun to play it by the time of a click: what counts is how it was before.
+  thumb.addEventListener("click", (event) => {
+    const again = playedBefore;
+    playedBefore = !again;
+    if (again) {
+      rest(video);
+    } else {
+      play(video);
+    }
+    event.preventDefault();
+  });
+  for (const leaving of ["pointerleave", "blur"]) {
+    thumb.addEventListener(leaving, () => {
+      playedBefore = false;
+      rest(video);
+    });
+  }
+}

@@ -11,8 +11,17 @@ import typer
 from rich.table import Table
 from typer.exceptions import Abort, Exit, TyperException
 
-from app.commands import account, lifecycle, retention
-from app.commands.asking import Address, DataDir, Slug, out, say_link, settings_of, studio_of
+from app.commands import account, export, lifecycle, making, retention
+from app.commands.asking import (
+    Address,
+    DataDir,
+    Folder,
+    Slug,
+    out,
+    say_link,
+    settings_of,
+    studio_of,
+)
 from app.services import revision, studies
 from app.services.errors import ServiceError
 from app.study.faults import StudyFaults
@@ -29,11 +38,13 @@ study_app = typer.Typer(no_args_is_help=True, help="Set studies up, open and clo
 media_app = typer.Typer(no_args_is_help=True, help="The crane's recordings.")
 link_app = typer.Typer(no_args_is_help=True, help="Links that each let one person in.")
 study_app.add_typer(lifecycle.app)
+study_app.add_typer(making.app)
 app.add_typer(study_app, name="study")
 app.add_typer(media_app, name="media")
 app.add_typer(account.app, name="account")
 app.add_typer(link_app, name="link")
 app.add_typer(retention.app, name="retention")
+app.command()(export.export)
 
 #: A user's mistake: what was asked for cannot be done as it was said.
 MISTAKE = 2
@@ -42,13 +53,6 @@ MISTAKE = 2
 class EvaluatorKind(StrEnum):
     certain = "certain"
     uncertain = "uncertain"
-
-
-class Mode(StrEnum):
-    live = "live"
-    preview = "preview"
-    simulated = "simulated"
-    all = "all"
 
 
 class CraneEnvironment(StrEnum):
@@ -62,9 +66,6 @@ class Engine(StrEnum):
     ray = "ray"
 
 
-Folder = Annotated[
-    str, typer.Argument(help="A study's folder, or the name of a shipped study.", metavar="FOLDER")
-]
 Host = Annotated[str, typer.Option(help="Address to listen on.")]
 Port = Annotated[int, typer.Option(help="Port to listen on.", min=0, max=65535)]
 
@@ -211,42 +212,6 @@ def link_create(
 
     for path in entry_links.create(studio_of(data_dir), slug, count, label):
         say_link(path, address)
-
-
-@app.command()
-def export(
-    slug: Slug,
-    out_dir: Annotated[Path, typer.Option("--out", help="Folder to write to.")],
-    format: Annotated[str, typer.Option(help="csv")] = "csv",  # noqa: A002 - the option's name
-    mode: Annotated[
-        list[Mode] | None,
-        typer.Option(help="Which sessions count; may be repeated. Default: live."),
-    ] = None,
-    table: Annotated[
-        list[str] | None, typer.Option(help="Only these tables; identities only so.")
-    ] = None,
-    data_dir: DataDir = None,
-) -> None:
-    """Write a study's tables into a folder."""
-    from app.services.export import TABLES, ZIPPED, Request, csv_stream
-    from app.services.results import MODES
-
-    if format != "csv":
-        raise ServiceError(f"expected --format csv, got {format!r}")
-    unknown = [name for name in table or [] if name not in TABLES]
-    if unknown:
-        raise ServiceError(f"expected tables among {', '.join(TABLES)}, got {unknown[0]!r}")
-    studio = studio_of(data_dir)
-    modes = MODES if mode and Mode.all in mode else tuple(mode or [Mode.live])
-    request = Request(studies.find(studio, slug), modes)
-    out_dir.mkdir(parents=True, exist_ok=True)
-    for chosen in [TABLES[name] for name in table] if table else ZIPPED:
-        path = out_dir / f"{chosen.name}.csv"
-        part = path.with_suffix(".part")
-        with part.open("wb") as file:
-            file.writelines(csv_stream(studio, chosen, request))
-        part.replace(path)
-        out.print(str(path))
 
 
 @app.command()

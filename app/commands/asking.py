@@ -22,6 +22,9 @@ DataDir = Annotated[
     ),
 ]
 Slug = Annotated[str, typer.Argument(help="The study's slug.", metavar="SLUG")]
+Folder = Annotated[
+    str, typer.Argument(help="A study's folder, or the name of a shipped study.", metavar="FOLDER")
+]
 Address = Annotated[
     str, typer.Option(help="What comes before the path, such as https://lab.example.")
 ]

@@ -17,6 +17,7 @@ from collections.abc import Callable, Hashable
 from concurrent.futures import CancelledError, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from functools import partial
+from multiprocessing.context import SpawnProcess
 from typing import Any, TypeVar
 
 log = logging.getLogger(__name__)
@@ -46,6 +47,7 @@ class Background:
     def __init__(self, processes: int) -> None:
         self._ahead = ThreadPoolExecutor(1, thread_name_prefix="work-ahead")
         self._processes = _Processes(processes)
+        self._jobs = _Jobs()
         self._lock = threading.Lock()
         self._under_way: dict[Hashable, Future[Any]] = {}
 
@@ -67,8 +69,24 @@ class Background:
         """
         return self._processes.submit(key, partial(function, *args), urgent=urgent)
 
+    def as_job(
+        self,
+        key: Hashable,
+        function: Callable[..., None],
+        *args: Any,
+        died: Callable[[int], None],
+    ) -> None:
+        """Run `function(*args)`, both picklable, in a process that may take minutes.
+
+        Jobs come one after the other, and never in the way of a video. At the end of the server
+        they are stopped: whoever keeps them begins them again. `died` is told the exit status of
+        a process that ended otherwise than by returning.
+        """
+        self._jobs.submit(key, function, args, died)
+
     def close(self) -> None:
-        """Finish what is being done, drop what has not begun."""
+        """Finish what is being done, drop what has not begun; a job is stopped."""
+        self._jobs.close()
         self._ahead.shutdown(wait=True, cancel_futures=True)
         self._processes.close()
 
@@ -76,6 +94,70 @@ class Background:
         with self._lock:
             self._under_way.pop(key, None)
         _log_fault(key, finished)
+
+
+class _Jobs:
+    """One process at a time, each of its own: it can be stopped, which a pool's cannot."""
+
+    def __init__(self) -> None:
+        self._thread = ThreadPoolExecutor(1, thread_name_prefix="jobs")
+        self._lock = threading.Lock()
+        self._keys: set[Hashable] = set()
+        self._process: SpawnProcess | None = None
+        self._closed = False
+
+    def submit(
+        self,
+        key: Hashable,
+        function: Callable[..., None],
+        args: tuple[Any, ...],
+        died: Callable[[int], None],
+    ) -> None:
+        with self._lock:
+            if self._closed or key in self._keys:
+                return
+            self._keys.add(key)
+        self._thread.submit(self._run, key, function, args, died).add_done_callback(
+            partial(_log_fault, key)
+        )
+
+    def close(self) -> None:
+        with self._lock:
+            self._closed = True
+            if self._process is not None:
+                self._process.terminate()
+        self._thread.shutdown(wait=True, cancel_futures=True)
+
+    def _run(
+        self,
+        key: Hashable,
+        function: Callable[..., None],
+        args: tuple[Any, ...],
+        died: Callable[[int], None],
+    ) -> None:
+        process = multiprocessing.get_context("spawn").Process(
+            target=_as_worker, args=(function, args), daemon=True
+        )
+        try:
+            with self._lock:
+                if self._closed:
+                    return
+                process.start()
+                self._process = process
+            process.join()
+            with self._lock:
+                self._process = None
+                was_stopped = self._closed
+            if process.exitcode and not was_stopped:
+                died(process.exitcode)
+        finally:
+            with self._lock:
+                self._keys.discard(key)
+
+
+def _as_worker(function: Callable[..., None], args: tuple[Any, ...]) -> None:
+    _end_with_parent()
+    function(*args)
 
 
 class _Processes:

@@ -23,9 +23,9 @@ from app.study.faults import Fault, StudyFaults, UnreadableFileError
 from app.study.files import misplaced, read_text
 from app.study.folder import TEXT_NAMES, WELCOME, StudyFolder
 from app.study.plan_source import STUDY_FILE
-from app.study.recordings import FILE_COLUMN
+from app.study.recordings import FILE_COLUMN, PLAYABLE
 
-from . import access, audit, cloning, studies, uploads
+from . import access, audit, cloning, jobs, studies, transcode_job, uploads
 from .accounts import Experimenter
 from .errors import ConflictError, ForbiddenError, NotFoundError
 from .studio import Studio
@@ -74,6 +74,12 @@ class Checked:
 
     study: StudyFolder | None
     faults: Mapping[str, Sequence[Fault]]
+
+    @property
+    def can_be_transcoded(self) -> int:
+        """How many videos some browser cannot play."""
+        told = (fault.told.expected for faults in self.faults.values() for fault in faults)
+        return sum(expected == PLAYABLE for expected in told)
 
     @property
     def number(self) -> int:
@@ -202,6 +208,11 @@ def check(draft: Draft) -> Checked:
         for fault in error.faults:
             faults.setdefault(fault.file, []).append(fault)
         return Checked(None, faults)
+
+
+def transcode(studio: Studio, caller: Experimenter, draft: Draft) -> jobs.JobInfo:
+    """Ask for the draft's videos that some browser cannot play to be made ones that all play."""
+    return jobs.ask(studio, caller, transcode_job.KIND, {"draft": draft.public_id})
 
 
 def create_study(studio: Studio, caller: Experimenter, draft: Draft) -> studies.StudyInfo:

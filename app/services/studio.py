@@ -11,11 +11,13 @@ from threadpoolctl import threadpool_limits
 from app.storage.database import Database
 from app.storage.schema import migrate
 
+from . import transcode_job
 from .background import Background
 from .proposals import Proposer
 from .recordings import Recordings
 from .settings import Settings
 from .tokens import new_seed
+from .work import Work
 
 
 def utc_now() -> datetime:
@@ -33,6 +35,8 @@ class Studio:
     proposer: Proposer
     now: Callable[[], datetime] = field(default=utc_now)
     seed: Callable[[], int] = field(default=new_seed)
+    #: What jobs there can be; the doors add what services may not know.
+    works: dict[str, Work] = field(default_factory=dict)
 
     def close(self) -> None:
         self.background.close()
@@ -65,4 +69,5 @@ def open_studio(
         proposer=Proposer(database, background, recordings.make_soon),
         now=now,
         seed=seed,
+        works={transcode_job.KIND: transcode_job.transcode_draft},
     )

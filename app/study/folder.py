@@ -41,6 +41,8 @@ class StudyFolder:
     plan: Plan
     texts: Mapping[str, Mapping[str, str]]
     recordings: tuple[RecordingRow, ...]
+    #: What does no harm in its videos, and is worth knowing.
+    remarks: tuple[Fault, ...] = ()
 
     def candidates(self, environment: str) -> tuple[tuple[float, ...], ...]:
         """The different candidates of an environment of the study's own, in the CSV's order."""
@@ -82,13 +84,13 @@ def load(
         raise StudyFaults([Fault(STUDY_FILE, error.line, str(error))]) from error
     reading = read_plan(text, settings_check)
     texts, text_faults = _read_texts(folder, _languages(reading))
-    recordings, recording_faults = _read_recordings(folder, reading)
+    recordings, recording_faults, remarks = _read_recordings(folder, reading)
     faults = [*reading.faults, *text_faults, *recording_faults]
     if not faults and reading.plan is not None:
         faults = _check_faults(reading, reading.plan, recordings, crane_candidates)
     if faults or reading.plan is None:
         raise StudyFaults(faults)
-    return StudyFolder(folder, reading.plan, texts, tuple(recordings))
+    return StudyFolder(folder, reading.plan, texts, tuple(recordings), tuple(remarks))
 
 
 def _check_faults(
@@ -151,10 +153,13 @@ def text_faults(file: str, text: str) -> Iterator[Fault]:
         yield Fault(file, line, f"expected words of your own, got the placeholder {placeholder}")
 
 
-def _read_recordings(folder: Path, reading: PlanReading) -> tuple[list[RecordingRow], list[Fault]]:
+def _read_recordings(
+    folder: Path, reading: PlanReading
+) -> tuple[list[RecordingRow], list[Fault], list[Fault]]:
+    """The rows, the faults, and the remarks."""
     environments = reading.data.get("environments")
     if not isinstance(environments, dict):
-        return [], []
+        return [], [], []
     names = parameter_names(reading.data)
     # With a parameter that has no sound name nobody can tell which columns are missing.
     parameters = [name for name in names if isinstance(name, str)]
@@ -170,4 +175,4 @@ def _read_recordings(folder: Path, reading: PlanReading) -> tuple[list[Recording
             continue
         sources.add(source)
         rows.extend(reader.read(name, source, parameters))
-    return rows, reader.faults
+    return rows, reader.faults, reader.remarks

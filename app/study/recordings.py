@@ -4,6 +4,8 @@ Its header names every parameter, `file`, and optionally `score`. Rows with equa
 several recordings of one candidate.
 """
 
+from __future__ import annotations
+
 import csv
 import hashlib
 import io
@@ -12,15 +14,27 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from app.study.faults import Fault, UnreadableFileError
 from app.study.files import misplaced, read_text, within
+
+if TYPE_CHECKING:
+    from app.study.video import Video
 
 FILE_COLUMN = "file"
 SCORE_COLUMN = "score"
 FEWEST_CANDIDATES = 2
 # Stricter than Python's own reading, which takes "1_000", "infinity" and Arabic digits too.
 NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
+
+
+#: What a video is expected to be: browsers play it without any help.
+PLAYABLE = "a video that every browser plays, such as H.264 in MP4"
+
+#: What was found in videos, by the hash of their content: a check decodes each to its end, and the
+#: next check of the same folder need not.
+_KNOWN: dict[str, Video] = {}
 
 
 @dataclass(frozen=True)
@@ -63,6 +77,7 @@ class RecordingsReader:
 
     root: Path
     faults: list[Fault] = field(default_factory=list)
+    remarks: list[Fault] = field(default_factory=list)
     _rows_by_path: dict[Path, str] = field(default_factory=dict)
     _rows_by_content: dict[str, str] = field(default_factory=dict)
 
@@ -187,11 +202,21 @@ class RecordingsReader:
             if first != here:
                 came = f"got {cell!r} with the same content as the one in {first}"
                 raise _NoVideoError(f"expected each video once, {came}")
-            video = probe(path)
+            video = _KNOWN.get(sha256)
+            if video is None:
+                video = _KNOWN[sha256] = probe(path)
         except (UnreadableVideoError, OSError) as error:
             raise _NoVideoError(
                 f"expected a video that can be played, got {cell!r}: {error}"
             ) from error
+        if video.hindrance is not None:
+            raise _NoVideoError(
+                f"expected {PLAYABLE}, got {cell!r}: {video.hindrance} (it can be transcoded)"
+            )
+        self.remarks.extend(
+            Fault(source, int(here.rpartition(":")[2]), f"{cell}: {remark}")
+            for remark in video.remarks
+        )
         return _FoundVideo(path.relative_to(self.root).as_posix(), sha256, video.duration_s)
 
     def _fault(self, source: str, line: int | None, message: str) -> None:

@@ -1,5 +1,9 @@
-"""Looking into a video file: can it be played, and how long is it."""
+"""Looking into a video file: can every browser play it, how long is it, is it whole."""
 
+from __future__ import annotations
+
+import struct
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,6 +15,22 @@ from av.video.stream import VideoStream
 # addresses, or a still picture and even a plain text, would pass for a video.
 VIDEO_FORMATS = "mov,mp4,m4a,3gp,3g2,mj2,matroska,webm,ogg,avi,mpegts,mpeg"
 
+#: What every current browser plays: container -> codec -> pixel formats.
+_MP4 = {"h264": ("yuv420p", "yuvj420p"), "av1": ("yuv420p",), "vp9": ("yuv420p",)}
+_WEBM = {"vp8": ("yuv420p",), "vp9": ("yuv420p",), "av1": ("yuv420p",)}
+#: FFmpeg reads MP4 and its kin by one reader, WebM and Matroska by another.
+_PLAYED: Mapping[str, Mapping[str, Sequence[str]]] = {"mp4": _MP4, "webm": _WEBM}
+#: More pixels along a side than a page gives to one of two videos.
+LARGE_PX = 1920
+#: A larger picture or a longer video is a slip, or meant to use the memory and the time up.
+MOST_PIXELS = 50_000_000
+LONGEST_S = 3600.0
+_WEBM_MARK = b"webm"
+#: So much of a video may be missing at its end, by what its header says, before it counts as cut.
+_CUT_FROM_S = 0.5
+#: The first bytes in which a WebM file says that it is one.
+_HEAD_BYTES = 4096
+
 
 class UnreadableVideoError(Exception):
     """The file is no video that can be decoded; the message says what came of trying."""
@@ -18,13 +38,44 @@ class UnreadableVideoError(Exception):
 
 @dataclass(frozen=True)
 class Video:
-    """What a first look at a video gave."""
+    """What looking into a video gave."""
 
     duration_s: float
+    codec: str = ""
+    pixel_format: str = ""
+    container: str = ""
+    width: int = 0
+    height: int = 0
+    has_audio: bool = False
+    starts_fast: bool = True
+
+    @property
+    def hindrance(self) -> str | None:
+        """What keeps some browser from playing it; None where every one plays it."""
+        codecs = _PLAYED.get(self.container)
+        if codecs is None:
+            return f"a file of the form {self.container}"
+        if self.codec not in codecs:
+            return f"{self.codec} in {self.container}"
+        if self.pixel_format not in codecs[self.codec]:
+            return f"{self.codec} with the pixel format {self.pixel_format}"
+        return None
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What does no harm, and is worth knowing."""
+        found = []
+        if not self.starts_fast:
+            found.append("its index lies at its end: it starts late on a slow line")
+        if self.has_audio:
+            found.append("it has sound, which is not played")
+        if max(self.width, self.height) > LARGE_PX:
+            found.append(f"it is {self.width} x {self.height} pixels: larger than a page shows it")
+        return tuple(found)
 
 
 def probe(path: Path) -> Video:
-    """Opens the video, decodes its first frame and finds its length."""
+    """Opens the video, decodes all of it, and finds its length. Raises UnreadableVideoError."""
     try:
         # An open file rather than a name: FFmpeg then has no folder to look for other files in.
         with (
@@ -34,11 +85,20 @@ def probe(path: Path) -> Video:
             if not container.streams.video:
                 raise UnreadableVideoError("it has no picture")
             stream = container.streams.video[0]
-            if next(container.decode(stream), None) is None:
-                raise UnreadableVideoError("it has no frame")
-            duration_s = _stated_duration_s(container, stream)
-            if duration_s is None:
-                duration_s = _measured_duration_s(container, stream)
+            stated_s = _stated_duration_s(container, stream)
+            _require_limits(stream, stated_s)
+            first, end_s = _decoded(container, stream)
+            duration_s = end_s if stated_s is None else stated_s
+            video = Video(
+                duration_s=duration_s,
+                codec=stream.codec_context.name.removeprefix("lib").replace("dav1d", "av1"),
+                pixel_format=first.format.name,
+                container=_container(container, path),
+                width=first.width,
+                height=first.height,
+                has_audio=bool(container.streams.audio),
+                starts_fast=_starts_fast(path),
+            )
     except (av.ArgumentError, av.InvalidDataError) as error:
         # FFmpeg's "invalid argument" is its refusal of a form that is not in the list above.
         reason = "it is no MP4, WebM, Ogg, AVI or MPEG video, or a damaged one"
@@ -47,23 +107,79 @@ def probe(path: Path) -> Video:
         raise UnreadableVideoError(str(error)) from error
     if duration_s <= 0:
         raise UnreadableVideoError("it lasts no time")
-    return Video(duration_s)
+    if duration_s - end_s > _CUT_FROM_S:
+        raise UnreadableVideoError(
+            f"it says that it lasts {duration_s:.1f} s and ends after {end_s:.1f} s: it is cut off"
+        )
+    return video
+
+
+def _require_limits(stream: VideoStream, stated_s: float | None) -> None:
+    pixels = stream.codec_context.width * stream.codec_context.height
+    if pixels > MOST_PIXELS:
+        raise UnreadableVideoError(f"its pictures have {pixels / 1e6:,.0f} million pixels")
+    if stated_s is not None and stated_s > LONGEST_S:
+        raise UnreadableVideoError(f"it lasts {stated_s / 60:,.0f} minutes, longer than an hour")
+
+
+def _decoded(container: InputContainer, stream: VideoStream) -> tuple[av.VideoFrame, float]:
+    """The first frame, and where the last one ends, in seconds from the first."""
+    stream.thread_type = "AUTO"
+    first = last = None
+    try:
+        for frame in container.decode(stream):
+            first = first or frame
+            last = frame
+    except av.InvalidDataError as error:
+        if first is None or last is None:
+            raise
+        at = f"{(last.time or 0.0):.1f} s"
+        raise UnreadableVideoError(f"it is damaged after {at}") from error
+    if first is None or last is None:
+        raise UnreadableVideoError("it has no frame")
+    if first.time is None or last.time is None:
+        return first, 0.0
+    length = last.duration or 0
+    time_base = last.time_base or 0
+    return first, last.time - first.time + float(length * time_base)
 
 
 def _stated_duration_s(container: InputContainer, stream: VideoStream) -> float | None:
+    """What the file says; some recorders (a browser's among them) leave the length out."""
     if stream.duration is not None and stream.time_base is not None:
         return float(stream.duration * stream.time_base)
-    if container.duration is not None:
+    if container.duration is not None and container.duration > 0:
         return container.duration / av.time_base
     return None
 
 
-def _measured_duration_s(container: InputContainer, stream: VideoStream) -> float:
-    """Some recorders (a browser's among them) leave the length out: take the last packet's end."""
-    container.seek(0)
-    ends = [
-        float((packet.pts + (packet.duration or 0)) * packet.time_base)
-        for packet in container.demux(stream)
-        if packet.pts is not None and packet.time_base is not None
-    ]
-    return max(ends, default=0.0)
+def _container(container: InputContainer, path: Path) -> str:
+    names = container.format.name.split(",")
+    if "mp4" in names:
+        return "mp4"
+    if "webm" in names:
+        # One reader for both; only the file itself says which it is.
+        with path.open("rb") as content:
+            return "webm" if _WEBM_MARK in content.read(_HEAD_BYTES) else "matroska"
+    return names[0]
+
+
+def _starts_fast(path: Path) -> bool:
+    """Whether an MP4's index (moov) comes before its pictures (mdat); other forms have none.
+
+    Boxes of ISO/IEC 14496-12, 4.2: a size of 32 bits and a name; size 1 is followed by 64 bits.
+    """
+    with path.open("rb") as content:
+        while len(head := content.read(8)) == 8:
+            size, name = struct.unpack(">I4s", head)
+            if name in (b"moov", b"moof"):
+                return True
+            if name == b"mdat":
+                return False
+            skip = size - 8
+            if size == 1:
+                skip = struct.unpack(">Q", content.read(8).ljust(8, b"\0"))[0] - 16
+            if skip < 0:
+                return True
+            content.seek(skip, 1)
+    return True

@@ -9,7 +9,7 @@ from fastapi import APIRouter, Form, Request
 from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import RedirectResponse, Response
 
-from app.services import access, drafts
+from app.services import access, drafts, jobs, transcode_job
 from app.services.accounts import Experimenter
 from app.services.drafts import Draft
 from app.services.errors import ConflictError, ForbiddenError
@@ -113,6 +113,13 @@ def create(public_id: str, request: Request, studio: StudioDep, caller: SignedIn
     return RedirectResponse(f"/studies/{info.slug}", status_code=303)
 
 
+@router.post("/drafts/{public_id}/transcode", dependencies=[OwnForm])
+def transcode(public_id: str, studio: StudioDep, caller: SignedIn) -> Response:
+    draft = drafts.find(studio, caller, public_id)
+    drafts.transcode(studio, caller, draft)
+    return _to(draft)
+
+
 @router.post("/drafts/{public_id}/discard", dependencies=[OwnForm])
 def discard(public_id: str, studio: StudioDep, caller: SignedIn) -> Response:
     drafts.discard(studio, drafts.find(studio, caller, public_id))
@@ -147,6 +154,7 @@ def _draft_page(
     refused: Sequence[str] = (),
     status: int = 200,
 ) -> Response:
+    jobs.revive(studio)
     checked = drafts.check(draft)
     files = drafts.files(draft)
     present = {file.name for file in files}
@@ -173,5 +181,6 @@ def _draft_page(
         present=present,
         refused=refused,
         limit_mb=studio.settings.upload_limit_mb,
+        job=jobs.newest(studio, transcode_job.KIND, draft=draft.public_id),
         **{"study": None, **more},
     )

@@ -1,0 +1,255 @@
+"""Work that somebody asked for and watches: a transcoding, a simulation.
+
+Each job is a row, worked on in a process of its own, one at a time. The process says now and then
+how far it is; a job that fell silent, because its server was stopped, is begun again.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import timedelta
+from typing import Any
+
+from sqlalchemy import and_, or_, select, update
+from sqlalchemy.engine import CursorResult
+
+from app.storage.database import Database
+from app.storage.records import Job
+
+from .accounts import Experimenter
+from .errors import NotFoundError, ServiceError
+from .settings import Settings
+from .studio import Studio, utc_now
+from .tokens import new_public_id
+from .work import Work
+
+log = logging.getLogger(__name__)
+
+WAITING, RUNNING, DONE, FAILED = "waiting", "running", "done", "failed"
+#: A job that was not heard of for so long has lost its server.
+SILENT_AFTER = timedelta(seconds=60)
+#: How often a process says that it is still there, in seconds.
+BEAT_S = 5.0
+#: How often progress is written at the most, in seconds.
+_WRITE_EVERY_S = 1.0
+
+
+@dataclass(frozen=True)
+class JobInfo:
+    """How far a job is. message: what came of it, or why nothing did."""
+
+    public_id: str
+    kind: str
+    state: str
+    done: int
+    total: int
+    message: str | None
+    request: Mapping[str, Any]
+
+    @property
+    def is_over(self) -> bool:
+        return self.state in (DONE, FAILED)
+
+
+def ask(
+    studio: Studio,
+    caller: Experimenter,
+    kind: str,
+    request: Mapping[str, Any],
+    study_id: int | None = None,
+) -> JobInfo:
+    """Ask for work of this kind; the same, asked for while it is under way, is done once."""
+    if kind not in studio.works:
+        raise ServiceError(f"expected work among {', '.join(studio.works)}, got {kind!r}")
+    with studio.database.write() as session:
+        under_way = session.scalars(
+            select(Job).where(
+                Job.kind == kind,
+                Job.account_id == caller.account_id,
+                Job.study_id.is_(study_id) if study_id is None else Job.study_id == study_id,
+                Job.state.in_((WAITING, RUNNING)),
+            )
+        )
+        job = next((one for one in under_way if one.request == dict(request)), None)
+        if job is None:
+            job = Job(
+                public_id=new_public_id(),
+                account_id=caller.account_id,
+                study_id=study_id,
+                kind=kind,
+                state=WAITING,
+                done=0,
+                total=1,
+                request=dict(request),
+                created_at=studio.now(),
+            )
+            session.add(job)
+            session.flush()
+        info = _info(job)
+    _start(studio, info)
+    return info
+
+
+def look(studio: Studio, caller: Experimenter, public_id: str) -> JobInfo:
+    """How far the caller's job is. Raises NotFoundError."""
+    with studio.database.read() as session:
+        job = session.scalar(
+            select(Job).where(Job.public_id == public_id, Job.account_id == caller.account_id)
+        )
+        if job is None:
+            raise NotFoundError("there is no such job")
+        info = _info(job)
+    if not info.is_over:
+        revive(studio)
+    return info
+
+
+def newest(
+    studio: Studio, kind: str, *, study_id: int | None = None, **request: Any
+) -> JobInfo | None:
+    """The newest job of this kind, of a study or whose request says this; None if there is none."""
+    statement = select(Job).where(Job.kind == kind).order_by(Job.id.desc())
+    if study_id is not None:
+        statement = statement.where(Job.study_id == study_id)
+    with studio.database.read() as session:
+        for job in session.scalars(statement):
+            if request.items() <= job.request.items():
+                return _info(job)
+    return None
+
+
+def revive(studio: Studio) -> None:
+    """Begin what waits, and what fell silent, again."""
+    since = utc_now() - SILENT_AFTER
+    with studio.database.read() as session:
+        found = session.scalars(
+            select(Job)
+            .where(
+                or_(
+                    Job.state == WAITING,
+                    and_(Job.state == RUNNING, or_(Job.seen_at.is_(None), Job.seen_at < since)),
+                )
+            )
+            .order_by(Job.id)
+        )
+        waiting = [_info(job) for job in found]
+    for info in waiting:
+        _start(studio, info)
+
+
+def run(settings: Settings, public_id: str, work: Work) -> None:
+    """Do a job: what its process runs. Nothing is done if another process has it in hand."""
+    database = Database(settings.url)
+    stop = threading.Event()
+    try:
+        request = _claim(database, public_id)
+        if request is None:
+            return
+        beat = threading.Thread(target=_beat, args=(database, public_id, stop), daemon=True)
+        beat.start()
+        try:
+            message = work(settings, request, _Reporter(database, public_id))
+            state = DONE
+        except Exception as error:
+            log.exception("the job %s failed", public_id)
+            state, message = FAILED, f"{error}" or type(error).__name__
+        with database.write() as session:
+            values: dict[str, Any] = {"state": state, "message": message, "ended_at": utc_now()}
+            if state == DONE:
+                values["done"] = Job.total
+            session.execute(update(Job).where(Job.public_id == public_id).values(**values))
+    finally:
+        stop.set()
+        database.close()
+
+
+def _start(studio: Studio, info: JobInfo) -> None:
+    work = studio.works.get(info.kind)
+    if work is None:
+        return
+    studio.background.as_job(
+        info.public_id,
+        run,
+        studio.settings,
+        info.public_id,
+        work,
+        died=lambda code: _died(studio.database, info.public_id, code),
+    )
+
+
+def _died(database: Database, public_id: str, code: int) -> None:
+    """A process that was killed, for want of memory say: begun again it would be killed again."""
+    with database.write() as session:
+        session.execute(
+            update(Job)
+            .where(Job.public_id == public_id, Job.state.in_((WAITING, RUNNING)))
+            .values(
+                state=FAILED,
+                message=f"its process ended before its time (status {code})",
+                ended_at=utc_now(),
+            )
+        )
+
+
+def _claim(database: Database, public_id: str) -> Mapping[str, Any] | None:
+    now = utc_now()
+    is_free = or_(
+        Job.state == WAITING,
+        and_(Job.state == RUNNING, or_(Job.seen_at.is_(None), Job.seen_at < now - SILENT_AFTER)),
+    )
+    with database.write() as session:
+        result = session.execute(
+            update(Job)
+            .where(Job.public_id == public_id, is_free)
+            .values(state=RUNNING, started_at=now, seen_at=now)
+        )
+        assert isinstance(result, CursorResult)
+        if result.rowcount == 0:
+            return None
+        request: dict[str, Any] = session.scalars(
+            select(Job.request).where(Job.public_id == public_id)
+        ).one()
+        return request
+
+
+def _beat(database: Database, public_id: str, stop: threading.Event) -> None:
+    while not stop.wait(BEAT_S):
+        with database.write() as session:
+            session.execute(update(Job).where(Job.public_id == public_id).values(seen_at=utc_now()))
+
+
+class _Reporter:
+    """Writes how far a job is, not more often than anybody could read it."""
+
+    def __init__(self, database: Database, public_id: str) -> None:
+        self._database = database
+        self._public_id = public_id
+        self._written = 0.0
+
+    def __call__(self, done: int, total: int) -> None:
+        now = time.monotonic()
+        if now - self._written < _WRITE_EVERY_S:
+            return
+        self._written = now
+        with self._database.write() as session:
+            session.execute(
+                update(Job)
+                .where(Job.public_id == self._public_id)
+                .values(done=min(done, total), total=total, seen_at=utc_now())
+            )
+
+
+def _info(job: Job) -> JobInfo:
+    return JobInfo(
+        public_id=job.public_id,
+        kind=job.kind,
+        state=job.state,
+        done=job.done,
+        total=job.total,
+        message=job.message,
+        request=dict(job.request),
+    )

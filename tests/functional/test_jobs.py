@@ -1,0 +1,149 @@
+"""Work that is asked for and watched: begun, reported, failed, and begun again after a silence."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from datetime import timedelta
+from pathlib import Path
+from typing import Any
+
+import pytest
+from sqlalchemy import update
+
+from app.services import jobs
+from app.services.accounts import Role
+from app.services.background import Background
+from app.services.errors import ServiceError
+from app.services.settings import Settings
+from app.services.studio import Studio, utc_now
+from app.services.work import Report
+from app.storage.records import Job
+from tests.conftest import Idle
+from tests.unit.study.test_video import write
+
+from .client import Api
+from .desk import Desk, zipped
+from .own_study import write_own_study
+
+PATIENCE_S = 60
+
+
+def good(_settings: Settings, request: Mapping[str, Any], report: Report) -> str:
+    report(1, 4)
+    return f"did {request['what']}"
+
+
+def bad(_settings: Settings, _request: Mapping[str, Any], _report: Report) -> str:
+    raise ValueError("there was nothing to do")
+
+
+class AtOnce(Idle):
+    """Jobs are done where they are asked for, so that a test need not wait for a process."""
+
+    def as_job(
+        self,
+        key: Any,
+        function: Callable[..., None],
+        *args: Any,
+        died: Callable[[int], None],
+    ) -> None:
+        function(*args)
+
+
+class Never(Idle):
+    """Jobs are not begun: as if the server had been stopped before."""
+
+    def as_job(
+        self,
+        key: Any,
+        function: Callable[..., None],
+        *args: Any,
+        died: Callable[[int], None],
+    ) -> None:
+        return None
+
+
+@pytest.fixture
+def background() -> Background:
+    return AtOnce(1)
+
+
+@pytest.fixture
+def desk(client: Api, studio: Studio) -> Desk:
+    studio.works.update(good=good, bad=bad)
+    return Desk(client, studio, "mo@lab.example", Role.EXPERIMENTER)
+
+
+def test_a_job_is_done_and_says_what_came_of_it(desk: Desk, studio: Studio, client: Api) -> None:
+    asked = jobs.ask(studio, desk.account, "good", {"what": "this"})
+    told = desk.get(f"/jobs/{asked.public_id}").json()
+    assert told == {"state": "done", "done": 4, "total": 4, "message": "did this", "is_over": True}
+    other = Desk(client, studio, "ada@lab.example", Role.ADMIN)
+    assert other.get(f"/jobs/{asked.public_id}").status_code == 404
+
+
+def test_a_job_that_fails_says_why(desk: Desk, studio: Studio) -> None:
+    asked = jobs.ask(studio, desk.account, "bad", {})
+    told = jobs.look(studio, desk.account, asked.public_id)
+    assert (told.state, told.message) == ("failed", "there was nothing to do")
+
+
+def test_work_that_there_is_none_of_is_refused(desk: Desk, studio: Studio) -> None:
+    with pytest.raises(ServiceError, match="expected work among"):
+        jobs.ask(studio, desk.account, "nothing", {})
+
+
+class TestStopped:
+    @pytest.fixture
+    def background(self) -> Background:
+        return Never(1)
+
+    def test_the_same_asked_twice_is_one_job(self, desk: Desk, studio: Studio) -> None:
+        first, again, other = (
+            jobs.ask(studio, desk.account, "good", {"what": what}) for what in ("a", "a", "b")
+        )
+        assert first.public_id == again.public_id != other.public_id
+
+    def test_a_job_that_fell_silent_is_begun_again_and_one_in_hand_is_not(
+        self, desk: Desk, studio: Studio
+    ) -> None:
+        asked = jobs.ask(studio, desk.account, "good", {"what": "this"})
+
+        def seen(ago: timedelta) -> None:
+            with studio.database.write() as session:
+                session.execute(update(Job).values(state="running", seen_at=utc_now() - ago))
+
+        seen(timedelta(seconds=1))
+        jobs.run(studio.settings, asked.public_id, good)
+        assert jobs.look(studio, desk.account, asked.public_id).state == "running"
+        seen(jobs.SILENT_AFTER + timedelta(seconds=1))
+        jobs.run(studio.settings, asked.public_id, good)
+        assert jobs.look(studio, desk.account, asked.public_id).state == "done"
+
+
+class TestInAProcess:
+    @pytest.fixture
+    def background(self) -> Background:
+        return Background(1)
+
+    def test_videos_are_transcoded_in_a_process_and_the_study_is_sound(
+        self, desk: Desk, studio: Studio, tmp_path: Path
+    ) -> None:
+        folder = write_own_study(tmp_path / "kettles")
+        (folder / "videos" / "a.mp4").unlink()
+        write(folder / "videos" / "a.avi", "mpeg4")
+        table = folder / "recordings.csv"
+        table.write_text(table.read_text().replace("videos/a.mp4", "videos/a.avi"))
+        here = desk.begin({"kettles.zip": zipped(folder)})
+        page = desk.get(here).text
+        assert "Transcode 1 video<" in page
+        assert "mpeg4" in page or "avi" in page
+        assert desk.post(f"{here}/transcode").status_code == 303
+        deadline = time.monotonic() + PATIENCE_S
+        while "No fault found" not in (page := desk.get(here).text):
+            assert "Transcoding failed" not in page
+            assert time.monotonic() < deadline, page
+            time.sleep(0.2)
+        assert "videos/a.avi" not in page
+        assert "videos/a.mp4" in page

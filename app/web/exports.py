@@ -1,17 +1,25 @@
-"""An experimenter's exports, streamed."""
+"""An experimenter's exports, streamed, and noted in the audit trail when they end."""
 
 from __future__ import annotations
 
+from collections.abc import Generator
+from datetime import date
 from typing import Annotated, Literal
 
-from fastapi import APIRouter, Query
+import anyio
+from fastapi import APIRouter, Depends, Query
+from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import StreamingResponse
+from starlette.types import Receive, Scope, Send
 
-from app.services import access
+from app.services import access, export
 from app.services.access import Right
+from app.services.accounts import Experimenter
 from app.services.errors import NotFoundError
-from app.services.export import TABLES, ZIPPED, Request, csv_stream, zip_stream
-from app.services.results import MODES
+from app.services.export import TABLES, Request
+from app.services.quality import Flag
+from app.services.studies import StudyInfo
+from app.services.studio import Studio
 
 from .problems import refusals
 from .security import ExperimenterDep, StudioDep
@@ -19,47 +27,132 @@ from .security import ExperimenterDep, StudioDep
 router = APIRouter(prefix="/api/v1/studies/{slug}", tags=["export"])
 
 Mode = Literal["live", "preview", "simulated", "all"]
-ModeQuery = Annotated[
-    list[Mode] | None, Query(alias="mode", description="Which sessions count. Default: live.")
-]
+FormatName = Literal["csv", "psych-ds", "botorch", "optuna"]
+#: A form sends a day that was not filled in as an empty text.
+Day = date | Literal[""] | None
 
 
-@router.get("/export.zip", response_class=StreamingResponse, responses=refusals(401, 403, 404, 422))
-def export_zip(
-    slug: str, studio: StudioDep, caller: ExperimenterDep, mode: ModeQuery = None
-) -> StreamingResponse:
-    """Every table but the identities, in one zip."""
-    request = Request(access.study_for(studio, caller, slug, Right.DATA), modes_of(mode))
-    return StreamingResponse(
-        zip_stream(studio, ZIPPED, request),
-        media_type="application/zip",
-        headers=_as_file(f"{slug}.zip"),
-    )
+class Filter:
+    """Which sessions and trials count, as a query says it."""
+
+    def __init__(
+        self,
+        mode: Annotated[
+            list[Mode] | None, Query(description="Which sessions count. Default: live.")
+        ] = None,
+        condition: Annotated[
+            list[str] | None, Query(description="Only trials under these conditions.")
+        ] = None,
+        since: Annotated[
+            Day, Query(alias="from", description="First day, in UTC, of the sessions' beginning.")
+        ] = None,
+        until: Annotated[Day, Query(alias="to", description="Last day of the same.")] = None,
+        exclude_flag: Annotated[
+            list[Flag] | None, Query(description="Leave sessions with such a flag out.")
+        ] = None,
+        exclude_flagged: Annotated[
+            bool, Query(description="Leave sessions with any flag out.")
+        ] = False,
+        completed: Annotated[bool, Query(description="Only completed sessions.")] = False,
+    ) -> None:
+        self.modes = export.modes_of(mode)
+        self.conditions = tuple(dict.fromkeys(condition or ()))
+        self.since, self.until = since or None, until or None
+        self.without = export.ALL_FLAGS if exclude_flagged else tuple(exclude_flag or ())
+        self.completed = completed
+
+    def of(self, studio: Studio, study: StudyInfo) -> Request:
+        """What is asked of this study. Raises ConflictError."""
+        asked = Request(
+            study,
+            self.modes,
+            self.conditions,
+            self.since,
+            self.until,
+            self.without,
+            self.completed,
+        )
+        return export.settled(studio, asked)
+
+
+FilterDep = Annotated[Filter, Depends()]
 
 
 @router.get(
-    "/export/{table}.csv", response_class=StreamingResponse, responses=refusals(401, 403, 404, 422)
+    "/export.zip", response_class=StreamingResponse, responses=refusals(401, 403, 404, 409, 422)
+)
+def export_zip(
+    slug: str,
+    studio: StudioDep,
+    caller: ExperimenterDep,
+    asked: FilterDep,
+    format: Annotated[  # noqa: A002 - the query's name
+        FormatName, Query(description="What the zip holds. Never identities.")
+    ] = "csv",
+) -> StreamingResponse:
+    """A study's data in one zip."""
+    study = access.study_for(studio, caller, slug, Right.DATA)
+    return zip_response(studio, caller, asked.of(studio, study), format)
+
+
+@router.get(
+    "/export/{table}.csv",
+    response_class=StreamingResponse,
+    responses=refusals(401, 403, 404, 409, 422),
 )
 def export_table(
-    slug: str, table: str, studio: StudioDep, caller: ExperimenterDep, mode: ModeQuery = None
+    slug: str, table: str, studio: StudioDep, caller: ExperimenterDep, asked: FilterDep
 ) -> StreamingResponse:
     """One table as CSV."""
-    request = Request(access.study_for(studio, caller, slug, Right.DATA), modes_of(mode))
+    request = asked.of(studio, access.study_for(studio, caller, slug, Right.DATA))
     if table not in TABLES:
         raise NotFoundError(f"expected one of {', '.join(TABLES)}, got {table!r}")
-    return StreamingResponse(
-        csv_stream(studio, TABLES[table], request),
-        media_type="text/csv; charset=utf-8",
-        headers=_as_file(f"{slug}-{table}.csv"),
+    return Download(
+        export.recorded(
+            studio,
+            caller.email,
+            request,
+            "identities" if table == "identities" else "csv",
+            f"{table}.csv",
+            export.csv_stream(studio, TABLES[table], request),
+        ),
+        f"{slug}-{table}.csv",
+        "text/csv; charset=utf-8",
     )
 
 
-def modes_of(chosen: list[Mode] | None) -> tuple[str, ...]:
-    """The modes that count: live, unless others are asked for."""
-    if not chosen:
-        return ("live",)
-    return MODES if "all" in chosen else tuple(dict.fromkeys(chosen))
+def zip_response(
+    studio: Studio, caller: Experimenter, request: Request, form: str
+) -> StreamingResponse:
+    """The data in one of the formats. Raises ConflictError where it cannot be made here."""
+    files = export.find(form).files(studio, request)
+    slug = request.study.slug
+    name = f"{slug}.zip" if form == "csv" else f"{slug}-{form}.zip"
+    pieces = export.zip_stream(files)
+    return Download(
+        export.recorded(studio, caller.email, request, form, name, pieces),
+        name,
+        "application/zip",
+    )
 
 
-def _as_file(name: str) -> dict[str, str]:
-    return {"Content-Disposition": f'attachment; filename="{name}"', "Cache-Control": "no-store"}
+class Download(StreamingResponse):
+    """A file on its way to its reader; its pieces are told when the reader is gone."""
+
+    def __init__(self, pieces: Generator[bytes], name: str, media_type: str) -> None:
+        super().__init__(
+            pieces,
+            media_type=media_type,
+            headers={
+                "Content-Disposition": f'attachment; filename="{name}"',
+                "Cache-Control": "no-store",
+            },
+        )
+        self._pieces = pieces
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        try:
+            await super().__call__(scope, receive, send)
+        finally:
+            with anyio.CancelScope(shield=True):
+                await run_in_threadpool(self._pieces.close)

@@ -1,7 +1,29 @@
-"""A study's data as tidy tables, streamed."""
+"""A study's data as tidy tables and in other forms, streamed, and noted in the audit trail."""
 
 from .columns import Column, Request, Table
-from .stream import csv_stream, zip_stream
+from .filters import ALL_FLAGS, in_words, modes_of, settled
+from .formats import FORMATS, find
+from .record import ACTIONS, recorded, write_folder
+from .stream import File, csv_stream, table_file, zip_stream
 from .tables import TABLES, ZIPPED
 
-__all__ = ["TABLES", "ZIPPED", "Column", "Request", "Table", "csv_stream", "zip_stream"]
+__all__ = [
+    "ACTIONS",
+    "ALL_FLAGS",
+    "FORMATS",
+    "TABLES",
+    "ZIPPED",
+    "Column",
+    "File",
+    "Request",
+    "Table",
+    "csv_stream",
+    "find",
+    "in_words",
+    "modes_of",
+    "recorded",
+    "settled",
+    "table_file",
+    "write_folder",
+    "zip_stream",
+]

@@ -32,11 +32,12 @@ from .columns import (
     Request,
     Row,
     Table,
+    at_trials_of,
     fetch,
     integer,
     moment,
     number,
-    of_sessions,
+    of_trials,
     parameters,
     points,
     recording_names,
@@ -82,7 +83,7 @@ def _queries_columns(plan: Plan) -> tuple[Column, ...]:
 def _queries_rows(session: Session, request: Request) -> Iterator[Row]:
     by_candidate = points(session, request)
     names = recording_names(session, request)
-    statement = of_sessions(
+    statement = of_trials(
         select(QueryRow, Trial, SessionRow, Participant.pseudonym, PlanVersion.plan_hash, Response)
         .join(Trial, QueryRow.trial_id == Trial.id)
         .join(SessionRow, Trial.session_id == SessionRow.id)
@@ -140,7 +141,7 @@ def _preferences_columns(_plan: Plan) -> tuple[Column, ...]:
 
 
 def _preferences_rows(session: Session, request: Request) -> Iterator[Row]:
-    statement = of_sessions(
+    statement = of_trials(
         select(SessionRow.public_id, Trial.trial_index, PreferenceRow)
         .join(Trial, PreferenceRow.trial_id == Trial.id)
         .join(SessionRow, Trial.session_id == SessionRow.id),
@@ -173,7 +174,7 @@ def _acquired_columns(plan: Plan) -> tuple[Column, ...]:
 
 def _acquired_rows(session: Session, request: Request) -> Iterator[Row]:
     by_candidate = points(session, request)
-    statement = of_sessions(
+    statement = of_trials(
         select(SessionRow.public_id, Trial.trial_index, Trial.environment, Acquired)
         .join(Trial, Acquired.trial_id == Trial.id)
         .join(SessionRow, Trial.session_id == SessionRow.id),
@@ -204,10 +205,12 @@ def _events_columns(_plan: Plan) -> tuple[Column, ...]:
 
 
 def _events_rows(session: Session, request: Request) -> Iterator[Row]:
-    statement = of_sessions(
-        select(SessionRow.public_id, Event).join(SessionRow, Event.session_id == SessionRow.id),
-        request,
-    ).order_by(SessionRow.id, Event.trial_index, Event.query_index, Event.id)
+    statement = (
+        select(SessionRow.public_id, Event)
+        .join(SessionRow, Event.session_id == SessionRow.id)
+        .where(*at_trials_of(request, Event.session_id, Event.trial_index))
+        .order_by(SessionRow.id, Event.trial_index, Event.query_index, Event.id)
+    )
     for public_id, row in fetch(session, statement):
         yield (
             public_id,

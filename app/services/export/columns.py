@@ -4,17 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
+from datetime import UTC, date, datetime, time, timedelta
 from typing import Any
 
-from sqlalchemy import ColumnElement, Select, select
-from sqlalchemy.orm import Session
+from sqlalchemy import ColumnElement, Select, exists, select
+from sqlalchemy.orm import Session, aliased
 
+from app.services.quality import Flag
 from app.services.studies import StudyInfo
-from app.storage.tables import (
-    Candidate,
-    Recording,
-    SessionRow,
-)
+from app.storage.tables import Candidate, Recording, SessionRow, Trial
 from app.study.plan import Plan
 
 from .cells import Value
@@ -27,10 +25,22 @@ Row = tuple[Value, ...]
 
 @dataclass(frozen=True)
 class Request:
-    """What is asked for: one study, and the modes of the sessions that count."""
+    """What is asked for: one study, and which of its sessions and trials count.
+
+    conditions: only trials under these, and sessions that have one; none named: all. since, until:
+    the first and the last day, in UTC, on which a session may have begun. without: sessions with
+    one of these flags are left out. completed: only completed sessions. left_out: the sessions,
+    by their keys in the database, that `filters.settled` found to have such a flag.
+    """
 
     study: StudyInfo
     modes: tuple[str, ...] = ("live",)
+    conditions: tuple[str, ...] = ()
+    since: date | None = None
+    until: date | None = None
+    without: tuple[Flag, ...] = ()
+    completed: bool = False
+    left_out: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -92,11 +102,61 @@ def parameters(plan: Plan, prefix: str, whose: str) -> tuple[Column, ...]:
 
 def sessions_of(request: Request) -> tuple[ColumnElement[bool], ...]:
     """What holds for the sessions that are asked for."""
-    return SessionRow.study_id == request.study.id, SessionRow.mode.in_(request.modes)
+    holds = [SessionRow.study_id == request.study.id, SessionRow.mode.in_(request.modes)]
+    if request.conditions:
+        # An alias: the statement around it may walk the trials itself.
+        trial = aliased(Trial)
+        holds.append(
+            exists().where(
+                trial.session_id == SessionRow.id,
+                trial.trial_index >= 0,
+                trial.condition.in_(request.conditions),
+            )
+        )
+    if request.since is not None:
+        holds.append(SessionRow.started_at >= _midnight(request.since))
+    if request.until is not None:
+        holds.append(SessionRow.started_at < _midnight(request.until) + timedelta(days=1))
+    if request.completed:
+        holds.append(SessionRow.stage == "completed")
+    if request.left_out:
+        holds.append(SessionRow.id.not_in(request.left_out))
+    return tuple(holds)
+
+
+def trials_of(request: Request) -> tuple[ColumnElement[bool], ...]:
+    """What holds for the trials that are asked for, where sessions are joined as well."""
+    sessions = sessions_of(request)
+    if not request.conditions:
+        return sessions
+    return *sessions, Trial.condition.in_(request.conditions)
 
 
 def of_sessions(statement: Select[*tuple[Any, ...]], request: Request) -> Select[*tuple[Any, ...]]:
     return statement.where(*sessions_of(request))
+
+
+def of_trials(statement: Select[*tuple[Any, ...]], request: Request) -> Select[*tuple[Any, ...]]:
+    return statement.where(*trials_of(request))
+
+
+def at_trials_of(
+    request: Request, session_id: Any, trial_index: Any
+) -> tuple[ColumnElement[bool], ...]:
+    """The same for what is kept by session and number of its trial."""
+    sessions = sessions_of(request)
+    if not request.conditions:
+        return sessions
+    trial = aliased(Trial)
+    return *sessions, exists().where(
+        trial.session_id == session_id,
+        trial.trial_index == trial_index,
+        trial.condition.in_(request.conditions),
+    )
+
+
+def _midnight(day: date) -> datetime:
+    return datetime.combine(day, time(), UTC)
 
 
 def fetch(session: Session, statement: Select[*tuple[Any, ...]]) -> Iterator[Any]:

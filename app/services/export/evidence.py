@@ -24,10 +24,10 @@ from .columns import (
     integer,
     moment,
     number,
-    of_sessions,
+    of_trials,
     recording_names,
-    sessions_of,
     text,
+    trials_of,
 )
 
 
@@ -50,7 +50,7 @@ def _faults_columns(_plan: Plan) -> tuple[Column, ...]:
 
 def _faults_rows(session: Session, request: Request) -> Iterator[Row]:
     names = recording_names(session, request)
-    statement = of_sessions(
+    statement = of_trials(
         select(SessionRow.public_id, Trial.trial_index, QueryRow)
         .join(Trial, QueryRow.trial_id == Trial.id)
         .join(SessionRow, Trial.session_id == SessionRow.id)
@@ -96,7 +96,7 @@ def _checks_columns(_plan: Plan) -> tuple[Column, ...]:
 
 
 def _checks_rows(session: Session, request: Request) -> Iterator[Row]:
-    for outcome in check_outcomes(session, *sessions_of(request)):
+    for outcome in check_outcomes(session, *trials_of(request)):
         yield (
             outcome.session_id,
             outcome.trial_index,
@@ -131,7 +131,7 @@ def _undone_columns(_plan: Plan) -> tuple[Column, ...]:
 
 
 def _undone_rows(session: Session, request: Request) -> Iterator[Row]:
-    statement = of_sessions(
+    statement = of_trials(
         select(SessionRow.public_id, Trial.trial_index, QueryRow.query_index, UndoneResponse)
         .join(QueryRow, UndoneResponse.query_id == QueryRow.id)
         .join(Trial, QueryRow.trial_id == Trial.id)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from sqlalchemy import func, select
+from sqlalchemy import and_, func, or_, select
 from sqlalchemy.orm import Session
 
 from app.services import quality
@@ -33,10 +33,12 @@ from .columns import (
     Request,
     Row,
     Table,
+    at_trials_of,
     fetch,
     integer,
     moment,
     of_sessions,
+    sessions_of,
     text,
 )
 
@@ -189,13 +191,20 @@ def _questionnaires_columns(_plan: Plan) -> tuple[Column, ...]:
 
 
 def _questionnaires_rows(session: Session, request: Request) -> Iterator[Row]:
-    statement = of_sessions(
+    of = (QuestionnaireAnswer.session_id, QuestionnaireAnswer.trial_index)
+    statement = (
         select(SessionRow.public_id, Participant.pseudonym, PlanVersion, QuestionnaireAnswer)
         .join(SessionRow, QuestionnaireAnswer.session_id == SessionRow.id)
         .join(Participant, SessionRow.participant_id == Participant.id)
-        .join(PlanVersion, SessionRow.plan_id == PlanVersion.id),
-        request,
-    ).order_by(SessionRow.id, QuestionnaireAnswer.id)
+        .join(PlanVersion, SessionRow.plan_id == PlanVersion.id)
+        .where(
+            or_(
+                and_(of[1] == AT_THE_END_INDEX, *sessions_of(request)),
+                and_(*at_trials_of(request, *of)),
+            )
+        )
+        .order_by(SessionRow.id, QuestionnaireAnswer.id)
+    )
     for session_id, pseudonym, version, row in fetch(session, statement):
         at_the_end = row.trial_index == AT_THE_END_INDEX
         asked = stored_plan(version).items(AT_THE_END if at_the_end else AFTER_TRIAL)

@@ -21,11 +21,12 @@ from .columns import (
     Request,
     Row,
     Table,
+    at_trials_of,
     boolean,
     fetch,
     integer,
     number,
-    of_sessions,
+    of_trials,
 )
 
 #: What the server adds when what was seen so far does not belong to the answer that stays.
@@ -58,7 +59,7 @@ def _columns(_plan: Plan) -> tuple[Column, ...]:
 def _rows(session: Session, request: Request) -> Iterator[Row]:
     seen = _events_by_place(session, request)
     at, events = next(seen, (None, ()))
-    answered = of_sessions(
+    answered = of_trials(
         select(SessionRow.id, SessionRow.public_id, Trial.trial_index, QueryRow.query_index)
         .join(Trial, QueryRow.trial_id == Trial.id)
         .join(SessionRow, Trial.session_id == SessionRow.id)
@@ -76,9 +77,12 @@ def _rows(session: Session, request: Request) -> Iterator[Row]:
 def _events_by_place(
     session: Session, request: Request
 ) -> Iterator[tuple[Place | None, Sequence[Event]]]:
-    statement = of_sessions(
-        select(SessionRow.id, Event).join(SessionRow, Event.session_id == SessionRow.id), request
-    ).order_by(SessionRow.id, Event.trial_index, Event.query_index, Event.id)
+    statement = (
+        select(SessionRow.id, Event)
+        .join(SessionRow, Event.session_id == SessionRow.id)
+        .where(*at_trials_of(request, Event.session_id, Event.trial_index))
+        .order_by(SessionRow.id, Event.trial_index, Event.query_index, Event.id)
+    )
 
     def place(row: tuple[int, Event]) -> Place:
         return row[0], row[1].trial_index, row[1].query_index
@@ -88,7 +92,7 @@ def _events_by_place(
 
 
 def summary(events: Sequence[Event]) -> Row:
-    """The columns after the place, in their order; all empty where the browser told nothing."""
+    """The columns after the place; all empty where the browser told nothing. In their order."""
     closed = [place for place, event in enumerate(events) if event.event in CLOSINGS]
     events = events[closed[-1] + 1 :] if closed else events
     if not events:

@@ -1,11 +1,12 @@
-"""Tables as CSV and as one zip, written piece by piece: memory does not grow with the study."""
+"""Tables as CSV, and files as one zip, piece by piece: memory does not grow with the study."""
 
 from __future__ import annotations
 
 import csv
 import io
 import zipfile
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
 from itertools import islice
 
 from app.services.studio import Studio
@@ -15,6 +16,23 @@ from .columns import Request, Table
 
 #: Rows written before a piece is handed on: some 50 to 100 KB.
 _ROWS_PER_PIECE = 500
+
+
+@dataclass(frozen=True)
+class File:
+    """A file to be: its path, with / between, and what makes its bytes, once."""
+
+    path: str
+    pieces: Callable[[], Iterable[bytes]]
+
+
+def table_file(studio: Studio, table: Table, request: Request, path: str = "") -> File:
+    """The table as a CSV file, under its own name unless another path is given."""
+    return File(path or f"{table.name}.csv", lambda: csv_stream(studio, table, request))
+
+
+def text_file(path: str, text: str) -> File:
+    return File(path, lambda: [text.encode("utf-8")])
 
 
 def csv_stream(studio: Studio, table: Table, request: Request) -> Iterator[bytes]:
@@ -27,18 +45,17 @@ def csv_stream(studio: Studio, table: Table, request: Request) -> Iterator[bytes
             yield _lines(piece)
 
 
-def zip_stream(studio: Studio, tables: Iterable[Table], request: Request) -> Iterator[bytes]:
-    """One zip with a CSV file for each table."""
+def zip_stream(files: Iterable[File]) -> Iterator[bytes]:
+    """One zip with these files. The same files give the same bytes."""
     sink = _Sink()
     with zipfile.ZipFile(sink, "w", zipfile.ZIP_DEFLATED) as archive:
-        for table in tables:
-            # A fixed date: the same data gives the same bytes.
-            entry = zipfile.ZipInfo(f"{table.name}.csv", date_time=(1980, 1, 1, 0, 0, 0))
+        for file in files:
+            entry = zipfile.ZipInfo(file.path, date_time=(1980, 1, 1, 0, 0, 0))
             entry.compress_type = zipfile.ZIP_DEFLATED
             entry.external_attr = 0o644 << 16
-            with archive.open(entry, "w", force_zip64=True) as file:
-                for piece in csv_stream(studio, table, request):
-                    file.write(piece)
+            with archive.open(entry, "w", force_zip64=True) as packed:
+                for piece in file.pieces():
+                    packed.write(piece)
                     yield sink.take()
     yield sink.take()
 

@@ -1,0 +1,134 @@
+"""`pbpo export`: a study's data as files."""
+
+from __future__ import annotations
+
+from datetime import date, datetime
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from app.services import export as exports
+from app.services import studies
+from app.services.audit import COMMAND_LINE
+from app.services.errors import ServiceError
+from app.services.export import FORMATS, TABLES, Request
+from app.services.quality import Flag
+from app.services.studio import Studio
+
+from .asking import DataDir, Slug, out, studio_of
+
+
+class Mode(StrEnum):
+    live = "live"
+    preview = "preview"
+    simulated = "simulated"
+    all = "all"
+
+
+Out = Annotated[Path, typer.Option("--out", help="Folder to write to.")]
+Modes = Annotated[
+    list[Mode] | None,
+    typer.Option("--mode", help="Which sessions count; may be repeated. Default: live."),
+]
+Conditions = Annotated[
+    list[str] | None,
+    typer.Option("--condition", help="Only trials under this condition; may be repeated."),
+]
+From = Annotated[
+    datetime | None,
+    typer.Option(
+        "--from", formats=["%Y-%m-%d"], help="First day, in UTC, on which sessions began."
+    ),
+]
+To = Annotated[
+    datetime | None,
+    typer.Option("--to", formats=["%Y-%m-%d"], help="Last day on which sessions began."),
+]
+WithoutFlagged = Annotated[
+    bool, typer.Option("--exclude-flagged", help="Leave sessions with any quality flag out.")
+]
+WithoutFlags = Annotated[
+    list[Flag] | None,
+    typer.Option("--exclude-flag", help="Leave sessions with this flag out; may be repeated."),
+]
+Completed = Annotated[bool, typer.Option("--completed", help="Only completed sessions.")]
+Overwrite = Annotated[
+    bool, typer.Option("--overwrite", help="Write over files that hold something else.")
+]
+
+
+def asked(
+    studio: Studio,
+    slug: str,
+    mode: list[Mode] | None,
+    condition: list[str] | None,
+    since: datetime | None,
+    until: datetime | None,
+    exclude_flagged: bool,
+    exclude_flag: list[Flag] | None,
+    completed: bool,
+) -> Request:
+    """What the options ask for. Raises ServiceError."""
+    return exports.settled(
+        studio,
+        Request(
+            studies.find(studio, slug),
+            exports.modes_of([str(chosen) for chosen in mode or ()]),
+            tuple(dict.fromkeys(condition or ())),
+            _day(since),
+            _day(until),
+            exports.ALL_FLAGS if exclude_flagged else tuple(exclude_flag or ()),
+            completed,
+        ),
+    )
+
+
+def export(
+    slug: Slug,
+    out_dir: Out,
+    format: Annotated[  # noqa: A002 - the option's name
+        str, typer.Option(help=", ".join(FORMATS))
+    ] = "csv",
+    mode: Modes = None,
+    condition: Conditions = None,
+    since: From = None,
+    until: To = None,
+    exclude_flagged: WithoutFlagged = False,
+    exclude_flag: WithoutFlags = None,
+    completed: Completed = False,
+    table: Annotated[
+        list[str] | None,
+        typer.Option(help="Of csv, only these tables; identities only so."),
+    ] = None,
+    overwrite: Overwrite = False,
+    data_dir: DataDir = None,
+) -> None:
+    """Write a study's data into a folder; what was exported is noted, with its SHA-256."""
+    form = exports.find(format)
+    unknown = [name for name in table or [] if name not in TABLES]
+    if unknown:
+        raise ServiceError(f"expected tables among {', '.join(TABLES)}, got {unknown[0]!r}")
+    if table and format != "csv":
+        raise ServiceError(f"expected --table with --format csv, got --format {format}")
+    studio = studio_of(data_dir)
+    request = asked(
+        studio, slug, mode, condition, since, until, exclude_flagged, exclude_flag, completed
+    )
+    named = [name for name in dict.fromkeys(table or ()) if name != "identities"]
+    parts = {format: form.files(studio, request)} if not table else {}
+    if named:
+        parts[format] = [exports.table_file(studio, TABLES[name], request) for name in named]
+    if "identities" in (table or ()):
+        # Apart from the others: looking at who somebody is is noted as what it is.
+        parts["identities"] = [exports.table_file(studio, TABLES["identities"], request)]
+    for name, files in parts.items():
+        for path in exports.write_folder(
+            studio, COMMAND_LINE, request, name, files, out_dir, overwrite=overwrite
+        ):
+            out.print(str(path))
+
+
+def _day(moment: datetime | None) -> date | None:
+    return moment and moment.date()

@@ -1,0 +1,69 @@
+"""The forms that a study's data can be had in."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Final
+
+from app.services.errors import ConflictError
+from app.services.studio import Studio
+
+from . import botorch, optuna_storage, psych_ds
+from .columns import Request
+from .stream import File, table_file
+from .tables import ZIPPED
+
+
+@dataclass(frozen=True)
+class Format:
+    """label, about: for people. require raises ConflictError where something is not installed."""
+
+    name: str
+    label: str
+    about: str
+    files: Callable[[Studio, Request], Iterable[File]]
+    require: Callable[[], None] = lambda: None
+
+
+def _tables(studio: Studio, request: Request) -> Iterator[File]:
+    for table in ZIPPED:
+        yield table_file(studio, table, request)
+
+
+FORMATS: Final[Mapping[str, Format]] = MappingProxyType(
+    {
+        form.name: form
+        for form in (
+            Format("csv", "CSV", "Tidy tables and a data dictionary, for pandas or R.", _tables),
+            Format(
+                "psych-ds",
+                "Psych-DS",
+                "A dataset to publish: the tables, every column described, plan and texts.",
+                psych_ds.files,
+            ),
+            Format(
+                "botorch",
+                "BoTorch",
+                "For each trial its points, and which of two was preferred, for PairwiseGP.",
+                botorch.files,
+            ),
+            Format(
+                "optuna",
+                "Optuna",
+                "A storage of preferential studies that optuna-dashboard opens.",
+                optuna_storage.files,
+                optuna_storage.require,
+            ),
+        )
+    }
+)
+
+
+def find(name: str) -> Format:
+    """The format of this name, if it can be made here. Raises ConflictError."""
+    if name not in FORMATS:
+        raise ConflictError(f"expected a format among {', '.join(FORMATS)}, got {name!r}")
+    FORMATS[name].require()
+    return FORMATS[name]

@@ -1,0 +1,148 @@
+"""A study for Optuna: a storage in which each trial is a preferential study of its own.
+
+What is called a trial here is a study there, and what is a candidate here is a trial there.
+"""
+
+from __future__ import annotations
+
+import tempfile
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+from sqlalchemy import event
+from sqlalchemy.pool import NullPool
+
+from app.services.errors import ConflictError
+from app.services.studio import Studio
+
+from .columns import Request, points
+from .filters import in_words
+from .learnt import LearntTrial, learnt_trials
+from .stream import File, text_file
+
+STORAGE = "optuna.sqlite3"
+_CHUNK = 1 << 16
+
+_READ_ME = """# {slug} for Optuna
+
+{filter}
+
+`{storage}` is a storage of Optuna, and `optuna-dashboard sqlite:///{storage}` shows it.
+Each trial of each person is a preferential study there, `{slug}/<session_id>/<trial_index>`; its
+user attributes say the condition. Its trials are the candidates that were compared, with their
+parameters and, as user attributes, their index.
+
+```python
+from optuna.samplers import RandomSampler
+from optuna_dashboard.preferential import load_study
+
+study = load_study(
+    study_name="{slug}/<session_id>/0", storage="sqlite:///{storage}", sampler=RandomSampler()
+)
+for better, worse in study.preferences:
+    print(better.params, ">", worse.params)
+```
+"""
+
+
+def require() -> None:
+    """Raises ConflictError where what this needs is not installed."""
+    missing = [name for name in ("optuna", "optuna_dashboard") if find_spec(name) is None]
+    if missing:
+        raise ConflictError(
+            f"expected the package {missing[0].replace('_', '-')}, which is not installed:"
+            " pip install 'pbpo-studio[optuna]'"
+        )
+
+
+def files(studio: Studio, request: Request) -> Iterator[File]:
+    """README.md and the storage."""
+    said = {"slug": request.study.slug, "filter": in_words(request), "storage": STORAGE}
+    yield text_file("README.md", _READ_ME.format(**said))
+    yield File(STORAGE, lambda: _storage(studio, request))
+
+
+def _storage(studio: Studio, request: Request) -> Iterator[bytes]:
+    """Optuna writes a file of its own, which is then read piece by piece."""
+    with tempfile.TemporaryDirectory(prefix="pbpo-optuna-") as folder:
+        path = Path(folder) / STORAGE
+        with _optuna_storage(path) as storage, studio.database.read() as session:
+            spans = _spans(points(session, request))
+            for trial in learnt_trials(session, request):
+                _add(storage, request, trial, spans[trial.environment])
+        with path.open("rb") as file:
+            while piece := file.read(_CHUNK):
+                yield piece
+
+
+@contextmanager
+def _optuna_storage(path: Path) -> Iterator[Any]:
+    import optuna  # noqa: PLC0415 - an extra
+
+    optuna.logging.set_verbosity(optuna.logging.WARNING)
+    # Each connection ends when it is given back, so that the file is whole when it is read.
+    storage = optuna.storages.RDBStorage(f"sqlite:///{path}", engine_kwargs={"poolclass": NullPool})
+
+    @event.listens_for(storage.engine, "connect")
+    def _quickly(connection: Any, _record: object) -> None:
+        # Nobody else has the file yet, and it is made anew if anything goes wrong.
+        connection.execute("PRAGMA synchronous = OFF")
+        connection.execute("PRAGMA journal_mode = MEMORY")
+
+    try:
+        yield storage
+    finally:
+        storage.remove_session()
+        storage.engine.dispose()
+
+
+def _spans(by_candidate: dict[tuple[str, int], Any]) -> dict[str, list[tuple[float, float]]]:
+    """Least and largest value of each parameter, by environment."""
+    rows: dict[str, list[Any]] = {}
+    for (environment, _), values in by_candidate.items():
+        rows.setdefault(environment, []).append(values)
+    return {
+        environment: [(min(column), max(column)) for column in zip(*of, strict=True)]
+        for environment, of in rows.items()
+    }
+
+
+def _add(
+    storage: Any, request: Request, learnt: LearntTrial, spans: list[tuple[float, float]]
+) -> None:
+    import optuna  # noqa: PLC0415 - an extra
+    from optuna_dashboard.preferential import create_study  # noqa: PLC0415 - an extra
+
+    names = [parameter.name for parameter in request.study.plan.parameters]
+    ranges: dict[str, Any] = {
+        name: optuna.distributions.FloatDistribution(low, high)
+        for name, (low, high) in zip(names, spans, strict=True)
+    }
+    with warnings.catch_warnings():
+        # That preferential studies are experimental is for the one who opens this to weigh.
+        warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
+        study = create_study(
+            n_generate=1,
+            storage=storage,
+            # Any sampler: its own needs BoTorch, and nothing is asked of it here.
+            sampler=optuna.samplers.RandomSampler(),
+            study_name=f"{request.study.slug}/{learnt.session_id}/{learnt.trial_index}",
+        )
+    for name in ("condition", "method", "environment", "participant_id", "mode"):
+        study.set_user_attr(name, getattr(learnt, name))
+    for candidate, values in zip(learnt.candidates, learnt.datapoints, strict=True):
+        study.add_trial(
+            optuna.trial.create_trial(
+                params=dict(zip(names, values, strict=True)),
+                distributions=ranges,
+                user_attrs={"candidate": candidate},
+                value=0.0,
+            )
+        )
+    trials = study.get_trials(deepcopy=False)
+    for winner, loser in learnt.comparisons:
+        study.report_preference(trials[winner], trials[loser])

@@ -1,0 +1,114 @@
+"""What was exported, by whom, when, of which sessions, and the SHA-256 of the bytes."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Generator, Iterable, Mapping
+from pathlib import Path
+from typing import Any, Final
+
+from app.services import audit
+from app.services.errors import ConflictError
+from app.services.studio import Studio
+
+from .columns import Request
+from .filters import in_words
+from .stream import File
+
+EXPORTED: Final = "data exported"
+IDENTITIES: Final = "identities exported"
+REPORTED: Final = "report made"
+ACTIONS: Final = (EXPORTED, IDENTITIES, REPORTED)
+
+_CHUNK = 1 << 16
+
+
+def recorded(
+    studio: Studio, actor: str, request: Request, form: str, name: str, pieces: Iterable[bytes]
+) -> Generator[bytes]:
+    """The pieces of one file on their way out; noted when they end, or are broken off."""
+    digest, size, is_whole = hashlib.sha256(), 0, False
+    try:
+        for piece in pieces:
+            if piece:
+                digest.update(piece)
+                size += len(piece)
+                yield piece
+        is_whole = True
+    finally:
+        more = {} if is_whole else {"incomplete": f"broken off after {size} bytes"}
+        files = {name: digest.hexdigest()} if is_whole else {}
+        note(studio, actor, request, form, files, **more)
+
+
+def note(
+    studio: Studio, actor: str, request: Request, form: str, files: Mapping[str, str], **more: Any
+) -> None:
+    """Note one export. files: the SHA-256 of each, by its name, 64 hex digits."""
+    action = {"report": REPORTED, "identities": IDENTITIES}.get(form, EXPORTED)
+    slug = request.study.slug
+    said = {"format": form, "filter": in_words(request), "files": dict(files), **more}
+    audit.note_alone(studio, actor, action, slug, **said)
+
+
+def write_folder(
+    studio: Studio,
+    actor: str,
+    request: Request,
+    form: str,
+    files: Iterable[File],
+    folder: Path,
+    *,
+    overwrite: bool = False,
+) -> list[Path]:
+    """Write the files into a folder, all or none, and note it; their paths.
+
+    A file in the way gives way if it holds the same, or is an earlier export as it was written.
+    Raises ConflictError for any other, unless it may be overwritten.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    written: dict[str, str] = {}
+    parts: list[tuple[Path, Path]] = []
+    try:
+        for file in files:
+            path = folder / file.path
+            path.parent.mkdir(parents=True, exist_ok=True)
+            part = path.with_name(f".{path.name}.part")
+            parts.append((part, path))
+            digest = hashlib.sha256()
+            with part.open("wb") as out:
+                for piece in file.pieces():
+                    digest.update(piece)
+                    out.write(piece)
+            written[file.path] = digest.hexdigest()
+        if not overwrite:
+            _refuse_to_lose(studio, request.study.slug, folder, written)
+        for part, path in parts:
+            part.replace(path)
+    finally:
+        for part, _ in parts:
+            part.unlink(missing_ok=True)
+    note(studio, actor, request, form, written)
+    return [path for _, path in parts]
+
+
+def _refuse_to_lose(studio: Studio, slug: str, folder: Path, written: Mapping[str, str]) -> None:
+    ours = {
+        digest
+        for line in audit.trail(studio, slug, ACTIONS, limit=1_000)
+        for digest in line.details.get("files", {}).values()
+    }
+    for name, digest in written.items():
+        path = folder / name
+        if path.exists() and _sha256(path) not in ours | {digest}:
+            raise ConflictError(
+                f"expected another folder, or --overwrite: {path} holds something else"
+            )
+
+
+def _sha256(path: Path) -> str:
+    digest = hashlib.sha256()
+    with path.open("rb") as file:
+        while piece := file.read(_CHUNK):
+            digest.update(piece)
+    return digest.hexdigest()

@@ -1,0 +1,46 @@
+"""A study that two people have been in: one to the end, hastily; one a day later, for a while."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from app.services import accounts, studies
+from app.services.studies import StudyInfo
+from app.services.studio import Studio
+from tests.conftest import Clock, StudyShelf
+from tests.databases import Databases
+
+from .client import Api, by_turns
+from .conftest import EMAIL, LEARNING_PLAN, PASSWORD
+
+DAY_S = 24 * 3600
+
+
+@dataclass
+class TwoPeople:
+    """Walked once for all tests of a module; each test gets a copy of the database."""
+
+    database: str
+    api_token: str = ""
+    #: Of the second person: deletes what they gave.
+    second_token: str = ""
+
+    def put_into(
+        self, studio: Studio, client: Api, databases: Databases, shelf: StudyShelf, clock: Clock
+    ) -> StudyInfo:
+        if self.api_token:
+            databases.copy(self.database, studio.settings.url)
+        else:
+            shelf.put_into(studio, LEARNING_PLAN)
+            account = accounts.create(studio, EMAIL, PASSWORD)
+            self.api_token = accounts.create_api_token(studio, account, "tests")
+            client.start(external_ids={"PROLIFIC_PID": "first"}).to_the_end(
+                by_turns("skip", "left", "right", "skip", "left"), clock.forward
+            )
+            clock.forward(DAY_S)
+            second = client.start(external_ids={"PROLIFIC_PID": "second"}).to_first_query()
+            for response in ("right", "left", "left"):
+                assert second.respond(response, rt_ms=4000).status_code == 200
+            self.second_token = second.token
+            databases.copy(studio.settings.url, self.database)
+        return studies.find(studio, "short")

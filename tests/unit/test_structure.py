@@ -26,7 +26,7 @@ ALLOWED: dict[str, frozenset[str]] = {
     "web": GROUND | {"storage", "figures", "services"},
     "main": GROUND | {"storage", "figures", "services", "web"},
     "server": frozenset({"services", "main"}),
-    "simulation": GROUND | {"storage", "services", "lab", "main"},
+    "simulation": GROUND | {"storage", "services", "lab", "web", "main"},
     "commands": GROUND | {"services", "server", "simulation", "main", "lab"},
     "cli": GROUND | {"services", "commands", "server", "simulation", "main", "lab"},
 }

@@ -65,7 +65,8 @@ class Background:
     ) -> Future[T]:
         """Run `function(*args)`, both picklable, in a process of its own.
 
-        What is urgent, because somebody waits for it, overtakes all that is not.
+        What is urgent, because somebody waits for it, overtakes all that is not. Within each kind
+        what was asked for last comes first: what was foreseen a while ago may not be needed.
         """
         return self._processes.submit(key, partial(function, *args), urgent=urgent)
 
@@ -160,13 +161,18 @@ def _as_worker(function: Callable[..., None], args: tuple[Any, ...]) -> None:
     function(*args)
 
 
+#: Work that has not begun, by its key: the next to begin comes first.
+_Queue = OrderedDict[Hashable, tuple[Callable[[], Any], Future[Any]]]
+
+
 class _Processes:
     """A pool of processes with a queue that the urgent may jump: the pool's own has no order."""
 
     def __init__(self, number: int) -> None:
         self._number = number
         self._lock = threading.Lock()
-        self._waiting: OrderedDict[Hashable, tuple[Callable[[], Any], Future[Any]]] = OrderedDict()
+        self._urgent: _Queue = OrderedDict()
+        self._later: _Queue = OrderedDict()
         self._running: dict[Hashable, Future[Any]] = {}
         self._pool: ProcessPoolExecutor | None = None
         self._closed = False
@@ -175,17 +181,20 @@ class _Processes:
         with self._lock:
             if (running := self._running.get(key)) is not None:
                 return running
-            _, future = self._waiting.setdefault(key, (work, Future()))
-            if urgent:
-                self._waiting.move_to_end(key, last=False)
+            queue = self._urgent if urgent or key in self._urgent else self._later
+            entry = self._urgent.pop(key, None) or self._later.pop(key, None) or (work, Future())
+            queue[key] = entry
+            queue.move_to_end(key, last=False)
+            _, future = entry
         self._start_waiting()
         return future
 
     def close(self) -> None:
         with self._lock:
             self._closed = True
-            dropped = list(self._waiting.values())
-            self._waiting.clear()
+            dropped = [*self._urgent.values(), *self._later.values()]
+            self._urgent.clear()
+            self._later.clear()
             pool, self._pool = self._pool, None
         for _, future in dropped:
             future.cancel()
@@ -195,9 +204,10 @@ class _Processes:
     def _start_waiting(self) -> None:
         while True:
             with self._lock:
-                if self._closed or not self._waiting or len(self._running) >= self._number:
+                queue = self._urgent or self._later
+                if self._closed or not queue or len(self._running) >= self._number:
                     return
-                key, (work, future) = self._waiting.popitem(last=False)
+                key, (work, future) = queue.popitem(last=False)
                 if not future.set_running_or_notify_cancel():
                     continue
                 self._running[key] = future

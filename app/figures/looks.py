@@ -114,7 +114,12 @@ def styled(chart: Concatenated) -> Concatenated:
         .configure_view(stroke=None)
         .configure_axis(**axis)
         .configure_legend(
-            orient="bottom", title=None, labelColor=INK, labelLimit=240, symbolOpacity=1
+            orient="bottom",
+            title=None,
+            labelColor=INK,
+            titleColor=INK,
+            labelLimit=240,
+            symbolOpacity=1,
         )
         .configure_title(color=INK, fontSize=13, fontWeight="bold", anchor="start")
     )

@@ -203,7 +203,7 @@ def _posterior(found: Found, study: StudyInfo) -> Chart:
         ],
         optimum=[placed(best, panel) for panel in panels],
         columns=2,
-        size=240,
+        size=175,
         sides=(across, up),
         value_title="",
         value_format=".3~g",

@@ -227,9 +227,21 @@ def simulate(
     data_dir: DataDir = None,
 ) -> None:
     """Let simulated evaluators walk through a study; their data is marked as simulated."""
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress
+
     from app.simulation import run
 
-    done = run(settings_of(data_dir), slug, sessions, evaluator.value, seed, eta)
+    with Progress("simulating", BarColumn(), MofNCompleteColumn(), console=out) as progress:
+        task = progress.add_task("", total=sessions)
+        done = run(
+            settings_of(data_dir),
+            slug,
+            sessions,
+            evaluator.value,
+            seed,
+            eta,
+            report=lambda now, total: progress.update(task, completed=now, total=total),
+        )
     out.print(f"{done.completed} simulated sessions of {slug} were completed.")
     out.print(f"They skipped, where they could, when both scores lay below {done.skip_below:.4g}.")
     if done.eta is not None:

@@ -9,8 +9,10 @@ from typing import Any
 import uvicorn
 
 from app.main import create_app
+from app.services import design, jobs
 from app.services.errors import ConflictError
 from app.services.studio import Studio
+from app.simulation import simulate_job
 
 
 def listen(host: str, port: int) -> sockets.socket:
@@ -46,6 +48,9 @@ def serve_app(studio: Studio, socket: sockets.socket, ready: Callable[[], None])
     """Serve until a signal says stop; `ready` is called once requests are answered."""
     # Closed by the application itself: the server passes a signal on before it returns here.
     app = create_app(studio=studio, closes_studio=True)
+    # Simulated evaluators walk through the application itself, which services know nothing of.
+    studio.works[design.SIMULATE] = simulate_job
+    jobs.revive(studio)
     config = uvicorn.Config(
         app, log_level="warning", access_log=False, timeout_graceful_shutdown=10
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Mapping
 from concurrent.futures import Future
 from dataclasses import dataclass
 from datetime import datetime, timedelta
@@ -11,7 +11,6 @@ from typing import Any, TypeVar
 
 import httpx
 import numpy as np
-from rich.progress import track
 from sqlalchemy import select
 
 from app.lab.evaluators import Certain, Evaluator, Uncertain
@@ -24,7 +23,9 @@ from app.services.errors import ConflictError
 from app.services.query_state import video_url
 from app.services.settings import Settings
 from app.services.studio import Studio, open_studio, utc_now
-from app.storage.tables import Candidate, Recording
+from app.services.work import Report
+from app.storage.database import Database
+from app.storage.tables import Candidate, Recording, SessionRow, Study
 from app.web.security import optional_experimenter
 
 T = TypeVar("T")
@@ -80,18 +81,74 @@ class Simulated:
     eta: float | None
 
 
+def simulate_job(settings: Settings, request: Mapping[str, Any], report: Report) -> str:
+    """The work of a job: simulate as many sessions as `request` says; what came of it.
+
+    Begun again after a stop it goes on with those that are still missing.
+    """
+    slug, sessions = str(request["slug"]), int(request["sessions"])
+    there = completed_simulated(settings, slug) - int(request["before"])
+    first = min(max(there, 0), sessions)
+    done = run(
+        settings,
+        slug,
+        sessions,
+        str(request["evaluator"]),
+        int(request["seed"]),
+        report=report,
+        first=first,
+    )
+    said = [
+        f"{first + done.completed} simulated sessions were completed.",
+        f"They skipped, where they could, when both scores lay below {done.skip_below:.4g}.",
+    ]
+    if done.eta is not None:
+        said.append(f"Their choices had a steepness of {done.eta:.4g} per unit of score.")
+    return " ".join(said)
+
+
+def completed_simulated(settings: Settings, slug: str) -> int:
+    """How many simulated sessions of a study were completed."""
+    database = Database(settings.url)
+    try:
+        with database.read() as session:
+            return len(
+                session.scalars(
+                    select(SessionRow.id)
+                    .join(Study, SessionRow.study_id == Study.id)
+                    .where(
+                        Study.slug == slug,
+                        SessionRow.mode == "simulated",
+                        SessionRow.stage == "completed",
+                    )
+                ).all()
+            )
+    finally:
+        database.close()
+
+
 def run(
-    settings: Settings, slug: str, sessions: int, kind: str, seed: int, eta: float | None = None
+    settings: Settings,
+    slug: str,
+    sessions: int,
+    kind: str,
+    seed: int,
+    eta: float | None = None,
+    *,
+    report: Report = lambda _done, _total: None,
+    first: int = 0,
 ) -> Simulated:
     """Walk `sessions` simulated evaluators through a study.
 
     eta: steepness of the uncertain evaluator, per unit of score; None: one that decides between
-    this study's scores as the published one does between the crane's.
+    this study's scores as the published one does between the crane's. report: told how many of
+    how many are done. first: how many have been done before.
     """
     clock = SkippedClock(LONGEST_SESSION)
     studio = open_studio(settings, now=clock.now, background=NothingAhead(1))
     try:
-        return asyncio.run(_run(studio, clock, slug, sessions, kind, seed, eta))
+        walks = _run(studio, clock, slug, range(first, sessions), kind, seed, eta, report)
+        return asyncio.run(walks)
     finally:
         studio.close()
 
@@ -100,10 +157,11 @@ async def _run(
     studio: Studio,
     clock: SkippedClock,
     slug: str,
-    sessions: int,
+    indices: range,
     kind: str,
     seed: int,
     eta: float | None,
+    report: Report,
 ) -> Simulated:
     scores = scores_by_url(studio, slug)
     values = np.array(list(scores.values()))
@@ -114,7 +172,7 @@ async def _run(
     transport = httpx.ASGITransport(application)
     completed = 0
     async with httpx.AsyncClient(transport=transport, base_url="http://simulation") as client:
-        for index in track(range(sessions), "simulating", transient=True):
+        for index in indices:
             clock.begin_again()
             rng = np.random.default_rng([seed, index])
             evaluator: Evaluator = (
@@ -124,6 +182,7 @@ async def _run(
                 client, slug, evaluator, scores, mode="simulated", api_token="", wait=clock.wait
             )
             completed += state["stage"] == "completed"
+            report(index + 1, indices.stop)
     return Simulated(completed, skip_below, eta if kind == "uncertain" else None)
 
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 from fastapi import APIRouter, Form, Request
 from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import RedirectResponse, Response
 
-from app.services import admission, drafts, lifecycle, revision, studies
+from app.services import admission, design, drafts, jobs, lifecycle, revision, studies
 from app.services.accounts import Experimenter
 from app.services.errors import ConflictError
 from app.services.studies import StudyInfo
@@ -91,6 +91,23 @@ def delete(
     return RedirectResponse("/studies", status_code=303)
 
 
+@router.post("/studies/{slug}/simulate", dependencies=[OwnForm])
+def simulate(
+    study: ChangeOf,
+    request: Request,
+    studio: StudioDep,
+    caller: SignedIn,
+    sessions: Annotated[int, Form(ge=1, le=design.MOST_SESSIONS)],
+    evaluator: Annotated[Literal["certain", "uncertain"], Form()],
+    seed: Annotated[int, Form(ge=0, le=2**31 - 1)] = 0,
+) -> Response:
+    try:
+        design.simulate(studio, caller, study, sessions, evaluator, seed)
+    except ConflictError as error:
+        return _manage(request, studio, caller, study, str(error))
+    return _to(study, "/manage")
+
+
 @router.get("/studies/{slug}/texts")
 def texts(study: ChangeOf, request: Request, studio: StudioDep, caller: SignedIn) -> Response:
     return study_page(request, studio, caller, study, "texts", texts=study.texts, faults=())
@@ -152,6 +169,13 @@ def _manage(
             "paused_at": study.paused_at,
         },
         refused=refused,
+        may_simulate=design.SIMULATE in studio.works,
+        most_sessions=design.MOST_SESSIONS,
+        job=jobs.newest(studio, design.SIMULATE, study_id=study.id),
+        duration=design.duration(studio, study),
+        design=design.design(studio, study),
+        thinking_s=design.THINKING_S,
+        reading_s=design.READING_S,
     )
 
 

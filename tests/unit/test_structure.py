@@ -25,7 +25,7 @@ ALLOWED: dict[str, frozenset[str]] = {
     "services": GROUND | {"storage", "figures"},
     "web": GROUND | {"storage", "figures", "services"},
     "main": GROUND | {"storage", "figures", "services", "web"},
-    "server": frozenset({"services", "main"}),
+    "server": frozenset({"services", "main", "simulation"}),
     "simulation": GROUND | {"storage", "services", "lab", "web", "main"},
     "commands": GROUND | {"services", "server", "simulation", "main", "lab"},
     "cli": GROUND | {"services", "commands", "server", "simulation", "main", "lab"},

@@ -1,0 +1,125 @@
+"""Simulated sessions from the page, and what they tell of a design."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from sqlalchemy import select
+
+from app.services import audit, design, studies
+from app.services.accounts import Role
+from app.services.background import Background
+from app.services.studies import StudyInfo
+from app.services.studio import Studio
+from app.simulation import completed_simulated, simulate_job
+from app.storage.tables import SessionRow
+
+from .client import Api
+from .desk import Desk
+from .own_study import RECORDINGS, write_own_study
+from .test_jobs import AtOnce
+
+
+@pytest.fixture
+def background() -> Background:
+    return AtOnce(1)
+
+
+@pytest.fixture
+def desk(client: Api, studio: Studio) -> Desk:
+    studio.works[design.SIMULATE] = simulate_job
+    return Desk(client, studio, "mo@lab.example", Role.EXPERIMENTER)
+
+
+@pytest.fixture
+def kettles(desk: Desk, studio: Studio, tmp_path: Path) -> StudyInfo:
+    folder = write_own_study(tmp_path / "kettles")
+    table = RECORDINGS.replace("videos/b.mp4,", "videos/b.mp4,-4")
+    (folder / "recordings.csv").write_text(table)
+    loaded = studies.load_folder(str(folder))
+    return studies.create(studio, loaded, desk.account.account_id)
+
+
+def simulate(desk: Desk, sessions: int = 3, **more: str) -> None:
+    form = {"sessions": str(sessions), "evaluator": "certain", "seed": "1", **more}
+    assert desk.post("/studies/kettles/simulate", **form).status_code == 303
+
+
+def test_simulated_sessions_fill_a_drafts_tables_and_tell_of_its_design(
+    desk: Desk, studio: Studio, kettles: StudyInfo
+) -> None:
+    before = desk.get("/studies/kettles/manage").text
+    assert 'data-testid="simulate"' in before
+    assert 'data-testid="regrets"' not in before
+    simulate(desk)
+    page = desk.get("/studies/kettles/manage").text
+    assert "3 simulated sessions were completed." in page
+    assert "From 3 simulated sessions" in page
+    assert "last one wins less with skip" in page
+    with studio.database.read() as session:
+        rows = session.execute(select(SessionRow.mode, SessionRow.stage)).all()
+    assert [tuple(row) for row in rows] == [("simulated", "completed")] * 3
+    assert audit.trail(studio, "kettles")[0].action == "simulation asked for"
+
+
+def test_the_design_is_worked_out_from_what_was_acquired(
+    desk: Desk, studio: Studio, kettles: StudyInfo
+) -> None:
+    assert design.design(studio, kettles) is None
+    simulate(desk, 4)
+    found = design.design(studio, kettles)
+    assert found is not None
+    assert found.sessions == 4
+    assert [(line.condition, line.query) for line in found.regrets] == [
+        (name, query) for name in ("with skip", "last one wins") for query in (1, 3, 4)
+    ]
+    # The best candidate scores 2, the worst -10: nobody is further from the best than 12.
+    assert all(0 <= line.regret.mean <= 12 for line in found.regrets)
+    assert all(line.regret.n == 4 for line in found.regrets)
+    # Of three candidates, a knockout that is always right has the best after a few queries.
+    knockout = [line.regret.mean for line in found.regrets if line.condition == "last one wins"]
+    assert knockout == sorted(knockout, reverse=True)
+    [contrast] = found.contrasts
+    assert (contrast.first, contrast.second) == ("with skip", "last one wins")
+    assert all(1 <= query <= 4 for query in found.queries_enough.values())
+
+
+def test_the_length_of_a_session_is_the_sum_of_its_parts(
+    studio: Studio, kettles: StudyInfo
+) -> None:
+    found = design.duration(studio, kettles)
+    assert found is not None
+    assert (found.pairs, found.breaks_s) == (8, 0)
+    assert found.video_s == pytest.approx(0.4)
+    assert found.total_s == pytest.approx(design.READING_S + 8 * (0.4 + design.THINKING_S))
+
+
+def test_a_simulation_begun_again_makes_only_what_is_missing(
+    desk: Desk, studio: Studio, kettles: StudyInfo
+) -> None:
+    simulate(desk, 2)
+    request = {
+        "slug": "kettles",
+        "sessions": 3,
+        "evaluator": "uncertain",
+        "seed": 0,
+        "before": 0,
+    }
+    said = simulate_job(studio.settings, request, lambda *_: None)
+    assert said.startswith("3 simulated sessions were completed.")
+    assert "steepness" in said
+    assert completed_simulated(studio.settings, "kettles") == 3
+
+
+def test_what_cannot_be_simulated_is_refused_in_a_sentence(
+    desk: Desk, studio: Studio, tmp_path: Path
+) -> None:
+    loaded = studies.load_folder(str(write_own_study(tmp_path / "kettles")))
+    studies.create(studio, loaded, desk.account.account_id)
+    form = {"sessions": "3", "evaluator": "certain"}
+    refused = desk.post("/studies/kettles/simulate", **form)
+    assert refused.status_code == 409
+    assert "a score for every recording" in refused.text
+    for wrong in ({"sessions": "0"}, {"sessions": "9999"}, {"evaluator": "nobody"}, {"seed": "-1"}):
+        assert desk.post("/studies/kettles/simulate", **{**form, **wrong}).status_code == 422

@@ -134,6 +134,7 @@ def test_a_newer_link_and_taking_it_back_make_the_earlier_worthless(admin: Api) 
     assert send(admin, take_back[0]).status_code == 404
 
 
+@pytest.mark.sqlite
 def test_links_are_kept_as_hashes(admin: Api, studio: Studio) -> None:
     secret = invited(admin).rsplit("/", 1)[1].encode()
     file = database_file(studio.settings)

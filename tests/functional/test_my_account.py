@@ -98,6 +98,7 @@ def test_nobody_ends_sign_ins_or_tokens_of_somebody_else(signed_in: Api, studio:
     assert accounts.by_api_token(studio, token).email == BOB
 
 
+@pytest.mark.sqlite
 def test_a_token_is_shown_once_kept_as_a_hash_and_revoked(signed_in: Api, studio: Studio) -> None:
     token = shown_token(make_token(signed_in))
     assert token not in signed_in.get("/account").text
@@ -200,6 +201,7 @@ def test_who_gets_in_begins_to_count_anew(client: Api, api_token: str) -> None:
         assert sign_in(client).status_code == 303
 
 
+@pytest.mark.sqlite
 def test_tries_are_kept_for_minutes_and_without_the_address(
     client: Api, studio: Studio, api_token: str, clock: Clock
 ) -> None:

@@ -152,6 +152,7 @@ def test_a_sweep_that_is_stopped_tells_what_it_did_and_is_taken_up_again(
     assert retention.run(studio) == {"short": Swept(1, 0)}
 
 
+@pytest.mark.sqlite
 def test_nothing_of_the_people_is_left_on_the_disk(
     client: Api, studio: Studio, study: StudyInfo, clock: Clock
 ) -> None:

@@ -189,3 +189,20 @@ def test_no_other_file_is_read_or_written_as_a_text(desk: Desk, folder: Path, na
     here = desk.begin({"kettles.zip": zipped(folder)})
     assert desk.get(f"{here}/text?file={name}").status_code in (409, 422)
     assert desk.post(f"{here}/text", file=name, text="x").status_code in (409, 422)
+
+
+def test_the_form_and_the_file_are_one_thing(desk: Desk, folder: Path, studio: Studio) -> None:
+    here = desk.begin({"kettles.zip": zipped(folder)})
+    shown = desk.get(f"{here}/settings").text
+    assert 'value="with skip"' in shown
+    given = dict(re.findall(r'<input[^>]* name="([^"]+)"[^>]* value="([^"]*)"', shown))
+    given |= {"method:0": "pbpo", "environment:0": "kitchen", "platform": "none"}
+    given |= {"method:1": "knockout", "environment:1": "kitchen"}
+    given |= {"queries": "6", "places": "12", "csrf_token": desk.csrf}
+    assert desk.post(f"{here}/settings", **given).status_code == 303
+    text = (studio.settings.uploads_dir / here.strip("/") / "study.yaml").read_text()
+    expected = (folder / "study.yaml").read_text().replace("trial: 4", "trial: 6")
+    assert text.replace("places: 12\n", "").strip() == expected.strip()
+    assert 'value="6"' in desk.get(f"{here}/settings").text
+    desk.post(f"{here}/text", file="study.yaml", text="slug: [")
+    assert desk.get(f"{here}/settings").status_code == 422

@@ -1,0 +1,129 @@
+"""The form and the file are one thing: what is set here stands there, and the rest stays."""
+
+from __future__ import annotations
+
+import difflib
+
+import pytest
+
+from app.study.beginning import begin_plan
+from app.study.plan_form import fields, written
+from app.study.plan_source import read_plan
+from app.study.scaffold import EXAMPLE
+from app.study.yaml_edit import UneditableError
+from app.study.yaml_source import read_yaml
+
+TEXT = (EXAMPLE / "study.yaml").read_text(encoding="utf-8")
+
+
+def sent(text: str = TEXT, **changes: str) -> str:
+    """The file after the form was sent with these changes; `_` in a name stands for a colon."""
+    given = {name.replace("__", ":"): value for name, value in changes.items()}
+    return written(text, {**fields(text), **given})
+
+
+def lines_changed(before: str, after: str) -> list[str]:
+    found = difflib.ndiff(before.splitlines(), after.splitlines())
+    return [line for line in found if line[0] in "+-"]
+
+
+def test_a_form_sent_as_it_was_changes_nothing() -> None:
+    assert sent() == TEXT
+
+
+def test_a_changed_field_changes_its_line_and_no_other() -> None:
+    after = sent(queries="40")
+    assert lines_changed(TEXT, after) == ["- queries_per_trial: 30", "+ queries_per_trial: 40"]
+    after = sent(contact="Jo, jo@lab.example")
+    assert lines_changed(TEXT, after) == ['+ contact: "Jo, jo@lab.example"']
+
+
+def test_every_field_comes_back_as_it_was_typed() -> None:
+    typed = {
+        "languages": "en, ja",
+        "title:en": 'No: "yes"',
+        "title:ja": "水を注ぐ",
+        "queries": "12",
+        "trials": "2",
+        "break": "0",
+        "places": "30",
+        "contact": "Jo",
+        "amount": "4.5",
+        "currency": "EUR",
+        "familiarisation": "3",
+        "platform": "prolific",
+        "code:completed": "C1",
+        "code:declined": "C2",
+        "name:0": "with skip",
+        "method:0": "pbpo-no-synthesis",
+        "environment:0": "kitchen",
+        "skip:0:en": "no",
+        "skip:0:ja": "どちらも",
+        "name:1": "last one wins",
+        "method:1": "knockout",
+        "environment:1": "kitchen",
+    }
+    after = written(TEXT, {**fields(TEXT), **typed})
+    assert typed.items() <= fields(after).items()
+    # What the form does not show is not yet there in the new language.
+    assert all("questionnaires" in fault.message for fault in read_plan(after).faults)
+    assert read_yaml(after).data["places"] == 30
+    # All that the form does not know is there still, with nearly all comments.
+    for key in ("practice", "questionnaires", "resume", "parameters", "checks", "lease_minutes"):
+        assert read_yaml(after).data[key] == read_yaml(TEXT).data[key]
+    comments = [line for line in TEXT.splitlines() if line.lstrip().startswith("#")]
+    kept = [line for line in comments if line in after.splitlines()]
+    assert len(kept) >= len(comments) - 5
+
+
+def test_what_is_wrong_is_written_as_typed_and_named_by_the_check() -> None:
+    after = sent(queries="many", places="-1")
+    messages = [str(fault) for fault in read_plan(after).faults]
+    assert any("queries_per_trial: expected a whole number" in one for one in messages)
+    assert any("places: expected" in one and "'-1'" in one for one in messages)
+
+
+def test_an_emptied_field_goes_and_an_emptied_condition_too() -> None:
+    after = sent(**{"break": "", "contact": ""})
+    assert "break_s" not in read_yaml(after).data
+    two = sent(name__1="second", method__1="knockout", environment__1="kitchen")
+    one = written(two, {**fields(two), "name:0": ""})
+    assert fields(one)["name:0"] == "second"
+    assert "name:1" not in fields(one)
+
+
+def test_settings_of_a_condition_that_the_form_does_not_show_stay() -> None:
+    text = begin_plan("Pouring").replace(
+        "    method: pbpo\n", "    method: pbpo\n    settings: {preset: paper-env1}\n", 1
+    )
+    after = sent(text, name__0="renamed")
+    assert fields(after)["name:0"] == "renamed"
+    assert "settings: {preset: paper-env1}" in after
+
+
+def test_a_method_without_a_skip_takes_the_button_away() -> None:
+    after = sent(method__0="knockout")
+    assert "skip: {label" not in after.replace("#     label", "")
+    assert fields(after)["skip:0:en"] == ""
+
+
+@pytest.mark.parametrize("text", ["slug: a\nslug: b\n", "a: &x 1\nb: *x\n", "- a\n", "a: [\n"])
+def test_a_file_that_is_broken_has_to_be_put_right_by_hand(text: str) -> None:
+    with pytest.raises(Exception, match="line"):
+        written(text, {"queries": "3", "languages": "en"})
+
+
+def test_the_broken_file_is_named_for_what_it_is() -> None:
+    with pytest.raises(UneditableError, match="each key once"):
+        written("slug: a\nslug: b\n", {"queries": "3"})
+
+
+def test_a_begun_plan_is_the_example_under_its_own_names() -> None:
+    text = begin_plan("Pouring water!", "runs.csv", ["speed", "angle"])
+    plan = read_plan(text).plan
+    assert plan is not None
+    assert (plan.slug, plan.title) == ("pouring-water", "Pouring water!")
+    assert [parameter.name for parameter in plan.parameters] == ["speed", "angle"]
+    assert plan.environments["videos"].source == "runs.csv"
+    assert "# How many pairs of videos a trial has" in text
+    assert "kitchen" not in text

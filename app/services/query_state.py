@@ -8,8 +8,7 @@ from sqlalchemy.orm import Session
 
 from app.storage.tables import QueryRow, SessionRow
 from app.study.checks import Kind
-from app.study.comparing import Skip
-from app.study.plan import Plan
+from app.study.plan import Condition, Plan
 from app.study.protocol import Stage
 from app.study.stages import PRACTICE_INDEX
 
@@ -34,7 +33,7 @@ def describe(studio: Studio, session: Session, row: SessionRow) -> dict[str, Any
         "id": query.public_id,
         "left": video(query.left_recording),
         "right": video(query.right_recording),
-        "skip": condition.skip and _skip(plan, condition.skip, row.language),
+        "skip": skip_of(plan, condition, row.language),
         "prefetch": list(dict.fromkeys(video_url(clip.public_id) for clip in clips)),
     }
     if practising:
@@ -68,7 +67,11 @@ def video(recording: Any) -> dict[str, Any]:
     return {"url": video_url(recording.public_id), "duration_s": recording.duration_s}
 
 
-def _skip(plan: Plan, skip: Skip, language: str) -> dict[str, Any]:
+def skip_of(plan: Plan, condition: Condition, language: str) -> dict[str, Any] | None:
+    """The skip button of a condition; None if it has none."""
+    skip = condition.skip
+    if skip is None:
+        return None
     state: dict[str, Any] = {"label": plan.text(skip.label, language)}
     if skip.reasons:
         state["reasons"] = [

@@ -39,6 +39,10 @@ class Settings(BaseSettings):
         int, Field(ge=1, description="What a study made in the browser may take, in megabytes.")
     ] = 4000
 
+    chromium: Annotated[
+        str, Field(description="A Chromium, for pictures of pages. Default: one that is found.")
+    ] = ""
+
     @field_validator("database_url")
     @classmethod
     def _known_database(cls, url: str) -> str:

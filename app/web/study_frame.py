@@ -32,6 +32,7 @@ PLACES: Final = (
     Place("recruit", "/recruit", "Recruit", Right.CHANGE),
     Place("manage", "/manage", "Manage", Right.CHANGE),
     Place("plan", "/plan", "Plan", Right.DESIGN),
+    Place("ethics", "/ethics", "Ethics", Right.DESIGN),
     Place("people", "/people", "People", Right.DATA),
     Place("activity", "/activity", "Activity", Right.DATA),
 )

@@ -175,6 +175,8 @@ RULES: Mapping[str, Rule] = {
     # One study: its design.
     "GET /studies/{slug}": DESIGN,
     "GET /studies/{slug}/plan": DESIGN,
+    "GET /studies/{slug}/ethics": DESIGN,
+    "GET /studies/{slug}/ethics.zip": DESIGN,
     # Its data.
     "GET /studies/{slug}/live": DATA,
     "GET /studies/{slug}/events": DATA,

@@ -1,0 +1,107 @@
+"""Pictures: a still of a video, and a page as a browser without a window shows it."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import io
+import os
+import shutil
+import subprocess
+import tempfile
+from pathlib import Path
+
+import av
+from PIL import Image, ImageChops
+
+from app.services.studio import Studio
+
+_BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
+_FLAGS = (
+    *("--headless", "--disable-gpu", "--hide-scrollbars", "--no-first-run"),
+    *("--disable-background-networking", "--disable-component-update", "--disable-sync"),
+)
+
+#: A page as a laptop shows it, tall enough for a long consent; what is empty below is cut off.
+WIDTH, HEIGHT = 1280, 4000
+_LEAST_HEIGHT = 720
+_MARGIN = 32
+
+#: How long one picture may take, in seconds: a busy machine has other things to do.
+_PATIENCE_S = 60
+
+
+def browser(studio: Studio) -> str | None:
+    """The browser that pictures are taken with; None if there is none."""
+    named = studio.settings.chromium
+    return next(
+        (path for name in ([named] if named else _BROWSERS) if (path := shutil.which(name))), None
+    )
+
+
+def still(video: Path) -> str:
+    """A frame from the middle of a video, as the address of a picture that needs no file."""
+    with av.open(video) as container:
+        stream = container.streams.video[0]
+        frames = list(container.decode(stream))
+    sink = io.BytesIO()
+    picture: Image.Image = frames[len(frames) // 2].to_image()
+    picture.thumbnail((640, 640))
+    picture.save(sink, "JPEG", quality=80)
+    return f"data:image/jpeg;base64,{base64.b64encode(sink.getvalue()).decode('ascii')}"
+
+
+def picture_of(studio: Studio, html: str) -> bytes | None:
+    """The page as PNG; None if no browser is there, or if it took too long.
+
+    The same page is taken once, and kept by its content in the data folder.
+    """
+    executable = browser(studio)
+    if executable is None:
+        return None
+    kept = studio.settings.data_dir / "screens" / f"{hashlib.sha256(html.encode()).hexdigest()}.png"
+    if not kept.exists():
+        taken = _take(executable, html)
+        if taken is None:
+            return None
+        kept.parent.mkdir(mode=0o700, exist_ok=True)
+        part = kept.with_suffix(f".{os.getpid()}.part")
+        part.write_bytes(taken)
+        part.replace(kept)
+    return kept.read_bytes()
+
+
+def _take(executable: str, html: str) -> bytes | None:
+    with tempfile.TemporaryDirectory(prefix="pbpo-screen-") as name:
+        folder = Path(name)
+        page, picture = folder / "page.html", folder / "page.png"
+        page.write_text(html, encoding="utf-8")
+        words = [
+            executable,
+            *_FLAGS,
+            # The sandbox cannot be had by root. The page is our own, and holds no script.
+            *(["--no-sandbox"] if os.geteuid() == 0 else []),
+            f"--user-data-dir={folder / 'profile'}",
+            f"--window-size={WIDTH},{HEIGHT}",
+            f"--screenshot={picture}",
+            page.as_uri(),
+        ]
+        try:
+            subprocess.run(  # noqa: S603 - the server's own settings name the browser
+                words, check=True, capture_output=True, timeout=_PATIENCE_S
+            )
+        except (OSError, subprocess.SubprocessError):
+            return None
+        return _cut(picture) if picture.exists() else None
+
+
+def _cut(path: Path) -> bytes:
+    """The picture without what is empty below."""
+    with Image.open(path) as opened:
+        picture = opened.convert("RGB")
+    ground = Image.new("RGB", picture.size, picture.getpixel((0, picture.height - 1)))
+    box = ImageChops.difference(picture, ground).getbbox()
+    bottom = min(picture.height, max(_LEAST_HEIGHT, (box[3] if box else 0) + _MARGIN))
+    sink = io.BytesIO()
+    picture.crop((0, 0, picture.width, bottom)).save(sink, "PNG", optimize=True)
+    return sink.getvalue()

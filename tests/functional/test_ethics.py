@@ -1,0 +1,210 @@
+"""What an ethics board is shown: a page, and a zip with everything, alike each time."""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import io
+import json
+import re
+import zipfile
+from pathlib import Path
+
+import httpx
+import pytest
+from PIL import Image
+
+from app.services import accounts, audit, revision, studies
+from app.services.accounts import Role
+from app.services.ethics import pictures, purposes
+from app.services.ethics.screens import screens
+from app.services.settings import Settings
+from app.services.state import State
+from app.services.studio import Studio
+from app.storage.tables import Base
+from tests.conftest import Clock
+
+from .client import Api
+from .conftest import EMAIL, PASSWORD, Recruit
+from .own_study import write_own_study
+from .test_experimenter_pages import sign_in
+from .test_leaving import rows_of_people
+from .test_secrecy import TELLING, walk
+
+FULL = """
+device_check: {min_width_px: 300}
+practice: {queries: 1}
+retention: {identity_days: 30, everything_days: 365}
+recruitment: {platform: prolific, codes: {completed: C1AB2CDE}}
+questionnaires:
+  after_trial: [{name: effort, type: likert, label: "How hard was it?"}]
+  end: [{name: age, type: number, label: "How old are you?"}]
+"""
+REVIEWER = "rev@board.example"
+
+
+@pytest.fixture
+def settings(settings: Settings) -> Settings:
+    """No browser: pictures take seconds, and have a test of their own."""
+    return settings.model_copy(update={"chromium": "no-such-browser"})
+
+
+@pytest.fixture
+def reviewer(client: Api, studio: Studio, recruit: Recruit) -> Api:
+    recruit(FULL)
+    accounts.create(studio, EMAIL, PASSWORD)
+    accounts.create(studio, REVIEWER, PASSWORD, Role.REVIEWER)
+    assert sign_in(client, REVIEWER).status_code == 303
+    return client
+
+
+def opened(answer: httpx.Response) -> zipfile.ZipFile:
+    assert answer.status_code == 200, answer.text
+    return zipfile.ZipFile(io.BytesIO(answer.content))
+
+
+def test_every_stored_column_has_a_purpose() -> None:
+    stored = {
+        table.name: {column.name for column in table.columns}
+        for table in Base.metadata.sorted_tables
+    }
+    told = {name: set(table.purposes) for name, table in purposes.STORED.items()}
+    assert stored == told, "say in app/services/ethics/purposes.py what a new column is for"
+    for table in purposes.STORED.values():
+        assert all(purpose.endswith(".") for purpose in table.purposes.values())
+
+
+def test_a_reviewer_reads_what_is_kept_for_how_long_and_by_whom(reviewer: Api) -> None:
+    page = reviewer.get("/studies/short/ethics").text
+    assert "30 days after a session has ended" in page
+    assert "365 days after a session has ended" in page
+    for name in ("participants", "identities", "responses", "audit events"):
+        assert f"{name.capitalize()}: about" in page
+    assert "/studies/short/ethics.zip" in page
+
+
+def test_the_bundle_holds_texts_screens_fields_and_plan(
+    reviewer: Api, studio: Studio, client: Api
+) -> None:
+    bundle = opened(reviewer.get("/studies/short/ethics.zip"))
+    names = bundle.namelist()
+    consent = bundle.read("texts/version-1/en/consent.md")
+    said = json.loads(bundle.read("versions.json"))
+    (told,) = [text for text in said["texts"] if text["text"] == "consent"]
+    assert told["sha256"] == hashlib.sha256(consent).hexdigest()
+    assert told["consent_version"] == client.start().state["consent"]["version"]
+    assert json.loads(bundle.read("plan.json"))["retention"]["everything_days"] == 365
+    rows = list(csv.DictReader(io.StringIO(bundle.read("stored_fields.csv").decode())))
+    assert len(rows) == sum(len(table.columns) for table in Base.metadata.sorted_tables)
+    assert all(all(row.values()) for row in rows)
+    (kept,) = {row["kept"] for row in rows if row["table"] == "identities"}
+    assert kept.startswith("30 days after the session has ended")
+    assert [
+        re.sub(r"^screens/en/\d\d-|\.html$", "", name) for name in names if "screens" in name
+    ] == [
+        *("consent", "device-check", "instructions", "familiarisation", "practice"),
+        *("comparison-1", "stop", "comparison-2", "comparison-3", "questions-after-a-part"),
+        *("break", "questions-at-the-end", "debrief", "completed", "screened-out"),
+        *("stopped", "declined", "privacy", "delete"),
+    ]
+    assert audit.trail(studio, "short")[0].action == "ethics bundle made"
+
+
+def test_screens_stand_for_themselves_and_tell_nothing(reviewer: Api) -> None:
+    bundle = opened(reviewer.get("/studies/short/ethics.zip"))
+    for name in bundle.namelist():
+        if not name.startswith("screens/"):
+            continue
+        page = bundle.read(name).decode()
+        assert "<style>" in page
+        assert "<script" not in page
+        assert "<link" not in page
+        assert "<video" not in page
+        words = re.sub(r"<style>.*?</style>", "", page, flags=re.DOTALL)
+        words = words.replace('method="post"', "")
+        assert TELLING.findall(words) == [], name
+    said = bundle.read("screens/en/14-completed.html").decode()
+    assert "C1AB2CDE" in said
+    assert re.search(r'data-testid="receipt">[2-9A-Z-]{19}<', said)
+
+
+def test_the_screens_show_what_a_person_is_shown(
+    reviewer: Api, studio: Studio, clock: Clock
+) -> None:
+    """Each state of the bundle has the keys that the same stage of a real session has."""
+    made_up: dict[str, State] = {}
+    for screen in screens(studio, studies.find(studio, "short"), "en"):
+        made_up.setdefault(screen.state["stage"], screen.state)
+    session = reviewer.start(external_ids={"PROLIFIC_PID": "x"})
+    seen: dict[str, State] = {}
+    while session.state["stage"] != "completed":
+        seen.setdefault(session.state["stage"], session.state)
+        session.step("left", clock.forward)
+    seen["completed"] = session.state
+    for stage, state in seen.items():
+        assert keys(state) == keys(made_up[stage]), stage
+
+
+def keys(state: State) -> set[str]:
+    """But for those of the skip button: which condition comes first is drawn for each person."""
+    every = {path for path, _, _ in walk(state)} - {"/query/practice"}
+    return {path for path in every if "skip/" not in path}
+
+
+def test_the_same_study_gives_the_same_bytes_and_leaves_nobody(
+    reviewer: Api, studio: Studio
+) -> None:
+    first = reviewer.get("/studies/short/ethics.zip").content
+    assert reviewer.get("/studies/short/ethics.zip").content == first
+    people = ("participants", "sessions", "trials", "queries", "identities")
+    assert not rows_of_people(studio).keys() & set(people)
+
+
+def test_texts_of_every_version_and_language_are_in_it(
+    client: Api, studio: Studio, tmp_path: Path
+) -> None:
+    folder = write_own_study(tmp_path / "kettles")
+    studies.create(studio, studies.load_folder(str(folder)))
+    (folder / "texts" / "en" / "consent.md").write_text("Another consent.\n")
+    revision.revise(studio, studies.load_folder(str(folder)))
+    accounts.create(studio, EMAIL, PASSWORD)
+    sign_in(client)
+    bundle = opened(client.get("/studies/kettles/ethics.zip"))
+    for version in (1, 2):
+        for language in ("en", "ja"):
+            assert f"texts/version-{version}/{language}/debrief.md" in bundle.namelist()
+    assert bundle.read("texts/version-2/en/consent.md") == b"Another consent.\n"
+    # A study's own videos are there: stills of them stand in the pictures.
+    page = bundle.read("screens/ja/03-comparison-1.html").decode()
+    assert page.count('src="data:image/jpeg;base64,') == 2
+    assert "どちらも" in page
+    assert 'lang="ja"' in page
+
+
+class TestWithABrowser:
+    @pytest.fixture
+    def settings(self, settings: Settings) -> Settings:
+        return settings.model_copy(update={"chromium": ""})
+
+    def test_a_page_becomes_a_picture_once(
+        self, studio: Studio, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        assert pictures.browser(studio) is not None, "expected a Chromium (apt install chromium)"
+        html = (
+            "<!doctype html><style>body { margin: 0; background: #fff }"
+            " p { height: 900px; margin: 0; background: #123456 }</style><p>"
+        )
+        taken = pictures.picture_of(studio, html)
+        assert taken is not None
+        with Image.open(io.BytesIO(taken)) as picture:
+            assert picture.size == (1280, 932)
+            assert picture.getpixel((640, 450)) == (0x12, 0x34, 0x56)
+            assert picture.getpixel((640, 931)) == (255, 255, 255)
+        monkeypatch.setattr(pictures, "_take", None)
+        assert pictures.picture_of(studio, html) == taken
+
+    def test_a_browser_that_fails_leaves_the_pages(
+        self, studio: Studio, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        monkeypatch.setattr(pictures, "browser", lambda _: "/bin/false")
+        assert pictures.picture_of(studio, "<p>") is None

@@ -65,8 +65,7 @@ class Background:
     ) -> Future[T]:
         """Run `function(*args)`, both picklable, in a process of its own.
 
-        What is urgent, because somebody waits for it, overtakes all that is not. Within each kind
-        what was asked for last comes first: what was foreseen a while ago may not be needed.
+        What is urgent, because somebody waits for it, overtakes all that is not.
         """
         return self._processes.submit(key, partial(function, *args), urgent=urgent)
 
@@ -161,18 +160,13 @@ def _as_worker(function: Callable[..., None], args: tuple[Any, ...]) -> None:
     function(*args)
 
 
-#: Work that has not begun, by its key: the next to begin comes first.
-_Queue = OrderedDict[Hashable, tuple[Callable[[], Any], Future[Any]]]
-
-
 class _Processes:
     """A pool of processes with a queue that the urgent may jump: the pool's own has no order."""
 
     def __init__(self, number: int) -> None:
         self._number = number
         self._lock = threading.Lock()
-        self._urgent: _Queue = OrderedDict()
-        self._later: _Queue = OrderedDict()
+        self._waiting: OrderedDict[Hashable, tuple[Callable[[], Any], Future[Any]]] = OrderedDict()
         self._running: dict[Hashable, Future[Any]] = {}
         self._pool: ProcessPoolExecutor | None = None
         self._closed = False
@@ -181,20 +175,17 @@ class _Processes:
         with self._lock:
             if (running := self._running.get(key)) is not None:
                 return running
-            queue = self._urgent if urgent or key in self._urgent else self._later
-            entry = self._urgent.pop(key, None) or self._later.pop(key, None) or (work, Future())
-            queue[key] = entry
-            queue.move_to_end(key, last=False)
-            _, future = entry
+            _, future = self._waiting.setdefault(key, (work, Future()))
+            if urgent:
+                self._waiting.move_to_end(key, last=False)
         self._start_waiting()
         return future
 
     def close(self) -> None:
         with self._lock:
             self._closed = True
-            dropped = [*self._urgent.values(), *self._later.values()]
-            self._urgent.clear()
-            self._later.clear()
+            dropped = list(self._waiting.values())
+            self._waiting.clear()
             pool, self._pool = self._pool, None
         for _, future in dropped:
             future.cancel()
@@ -204,10 +195,9 @@ class _Processes:
     def _start_waiting(self) -> None:
         while True:
             with self._lock:
-                queue = self._urgent or self._later
-                if self._closed or not queue or len(self._running) >= self._number:
+                if self._closed or not self._waiting or len(self._running) >= self._number:
                     return
-                key, (work, future) = queue.popitem(last=False)
+                key, (work, future) = self._waiting.popitem(last=False)
                 if not future.set_running_or_notify_cancel():
                     continue
                 self._running[key] = future

@@ -196,11 +196,8 @@ class Proposer:
         return [step.next for step in steps if step is not None and step.next is not None]
 
     def render(self, clips: Sequence[Clip]) -> None:
-        """Begin to make the videos that are not there yet, the first of them first.
-
-        They overtake what was asked for before: that belongs to a pair that is past.
-        """
-        for clip in reversed(clips):
+        """Begin to make the videos that are not there yet."""
+        for clip in clips:
             self._render(clip)
 
     def _futures(
@@ -216,13 +213,10 @@ class Proposer:
         return [(*history, (*pair, response)) for response in responses]
 
     def _work_ahead(self, trial: TrialInHand, history: History, pair: tuple[int, int]) -> None:
-        coming: list[Clip] = []
         for after in self._futures(trial, history, pair):
             step = self.step(trial, after)
             if step.next is not None:
-                coming += [step.next.left, step.next.right]
-                # All of them again: the likelier stay ahead of the less likely.
-                self.render(coming)
+                self.render([step.next.left, step.next.right])
 
 
 def work_out(space: Space, trial: TrialInHand, history: History) -> Step:

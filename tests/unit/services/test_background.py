@@ -64,17 +64,6 @@ def test_what_somebody_waits_for_overtakes_what_may_be_needed_later(
     assert order.read_text().split() == ["first", "b", "urgent", "a"]
 
 
-def test_what_was_asked_for_last_comes_first_and_asking_again_renews_it(
-    background: Background, tmp_path: Path
-) -> None:
-    order = tmp_path / "order"
-    first = background.in_process("first", _note, order, "first", 0.3)
-    later = [background.in_process(name, _note, order, name, 0.0) for name in ("a", "b", "c", "a")]
-    for future in (first, *later):
-        future.result(30)
-    assert order.read_text().split() == ["first", "a", "c", "b"]
-
-
 def test_a_worker_that_is_killed_is_replaced(background: Background) -> None:
     pid = background.in_process("who", os.getpid).result(30)
     assert pid != os.getpid()

@@ -1,0 +1,77 @@
+"""The page of a plan: in words, as a file, and every version of it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from app.services import revision, studies
+from app.services.accounts import Role
+from app.services.studio import Studio
+from app.study.plan_source import read_plan
+from app.study.plan_words import in_words
+from tests.conftest import SHORT_PLAN
+
+from .client import Api
+from .desk import Desk
+from .own_study import write_own_study
+
+
+@pytest.fixture
+def kettles(studio: Studio, tmp_path: Path) -> studies.StudyInfo:
+    return studies.create(studio, studies.load_folder(str(write_own_study(tmp_path / "kettles"))))
+
+
+def test_a_plan_is_told_in_sentences() -> None:
+    plan = read_plan(
+        SHORT_PLAN
+        + "checks: {repeats: 0.25, attention: 0}\nplaces: 12\n"
+        + "recruitment: {links: single-use}\nreward: {amount: 4.5, currency: EUR}\n"
+    ).plan
+    assert plan is not None
+    assert in_words(plan) == [
+        "Before the first trial, 2 videos to watch.",
+        "3 trials: each of 3 conditions once, in orders balanced over people.",
+        "In each trial, 4 pairs of videos chosen by its method.",
+        "Between them, as checks: 1 earlier pair again with sides swapped.",
+        "120 s of rest between trials.",
+        "Places for 12 people.",
+        "4.5 EUR for a completed session.",
+        "Each person has a link of their own, which lets one in once.",
+        "A session that was left open can be taken up for 14 days.",
+    ]
+
+
+@pytest.mark.parametrize("role", [Role.ADMIN, Role.REVIEWER])
+def test_whoever_may_see_the_design_reads_the_plan_and_takes_it_away(
+    client: Api, studio: Studio, kettles: studies.StudyInfo, role: Role
+) -> None:
+    desk = Desk(client, studio, "rev@lab.example", role)
+    page = desk.get("/studies/kettles/plan").text
+    assert "2 trials: each of 2 conditions once" in page
+    assert "You choose between videos" in page
+    assert kettles.plan_hash in page
+    file = desk.get("/studies/kettles/plan/study.yaml")
+    assert file.headers["content-disposition"] == 'attachment; filename="kettles-study.yaml"'
+    assert kettles.plan_hash in file.text
+    assert read_plan(file.text).plan == kettles.plan
+
+
+def test_every_version_is_shown_with_its_hash(
+    client: Api, studio: Studio, kettles: studies.StudyInfo
+) -> None:
+    texts = {language: dict(named) for language, named in kettles.texts.items()}
+    texts["en"]["debrief"] = "Thank you all.\n"
+    after = revision.revise_texts(studio, "kettles", texts, "ada@lab.example")
+    page = Desk(client, studio, "ada@lab.example", Role.ADMIN).get("/studies/kettles/plan").text
+    assert page.index(after.plan_hash) < page.index(kettles.plan_hash)
+    assert "Thank you all." in page
+
+
+def test_the_plan_is_nothing_for_other_experimenters(
+    client: Api, studio: Studio, kettles: studies.StudyInfo
+) -> None:
+    other = Desk(client, studio, "zoe@lab.example", Role.EXPERIMENTER)
+    assert other.get("/studies/kettles/plan").status_code == 404
+    assert other.get("/studies/kettles/plan/study.yaml").status_code == 404

@@ -75,6 +75,7 @@ RULES: Final[Mapping[Flag, str]] = MappingProxyType(
 
 #: What the server adds when what was seen so far does not belong to the answer that stays.
 _CLOSINGS: Final = ("set_aside", "undone")
+_WATCHED: Final = "watched"
 #: Rows fetched at a time.
 _BATCH: Final = 1_000
 #: Sessions whose watching is remembered, for each database.
@@ -191,28 +192,31 @@ def _watching(session: Session, of: _Of, counted: _Counted) -> None:
 
 def _watched(session: Session, keys: Sequence[int]) -> dict[int, tuple[int, int]]:
     """By session: of how many answered places anything was told, and how many were unwatched."""
-    place = (Event.session_id, Event.trial_index, Event.query_index)
-    closed: dict[tuple[int, ...], int] = {
-        tuple(at): last
-        for *at, last in session.execute(
-            select(*place, func.max(Event.id))
-            .where(Event.session_id.in_(keys), Event.event.in_(_CLOSINGS))
-            .group_by(*place)
-        )
-    }
     told: Any = session.execute(
-        select(*place, Event.id, Event.side, Event.value)
-        .where(Event.session_id.in_(keys), Event.event == "watched", Event.trial_index >= 0)
+        select(
+            Event.session_id,
+            Event.trial_index,
+            Event.query_index,
+            Event.event,
+            Event.side,
+            Event.value,
+        )
+        .where(
+            Event.session_id.in_(keys),
+            Event.event.in_((_WATCHED, *_CLOSINGS)),
+            Event.trial_index >= 0,
+        )
         .order_by(Event.session_id, Event.id)
         .execution_options(yield_per=_BATCH)
     )
     found: dict[int, tuple[int, int]] = {}
     for session_key, rows in groupby(told, key=itemgetter(0)):
         seen: dict[tuple[int, int], dict[str | None, float]] = {}
-        for _, trial, query, key, side, value in rows:
-            part = _part(value)
-            if part is not None and key > closed.get((session_key, trial, query), -1):
-                # In the order of their keys: of each side the last one stays.
+        for _, trial, query, event, side, value in rows:
+            if event != _WATCHED:
+                # What came before it does not belong to the answer that stays.
+                seen.pop((trial, query), None)
+            elif (part := _part(value)) is not None:
                 seen.setdefault((trial, query), {})[side] = part
         unwatched = sum(min(parts.values()) < WATCHED_PART for parts in seen.values())
         found[session_key] = (len(seen), unwatched)

@@ -79,6 +79,7 @@ def _one(
     order = [(number + place) % plan.trials for place in range(plan.trials)]
     order = [place // plan.trials_per_condition for place in order]
     lasting = {"completed": plan.trials, "query": 2, "withdrawn": 1, "consent": 0}[stage]
+    lasting = min(lasting, plan.trials)
     made[Participant].append(
         {"id": number, "study_id": study.id, "pseudonym": f"p{number:05d}", "created_at": started}
     )
@@ -96,9 +97,7 @@ def _one(
             "order_index": 0,
             "trial_conditions": order,
             "stage": stage,
-            "trial_index": {"completed": plan.trials, "query": 1, "withdrawn": 0, "consent": 0}[
-                stage
-            ],
+            "trial_index": lasting if stage == "completed" else max(lasting - 1, 0),
             "query_index": 5 if stage == "query" else 0,
             "consent_version": None if stage == "consent" else "1",
             "consented_at": None if stage == "consent" else started,

@@ -6,7 +6,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 
-.PHONY: demo test lint messages screenshots no-wait calibration bench clean
+.PHONY: demo test lint messages screenshots no-wait watching calibration bench clean
 .DEFAULT_GOAL := demo
 
 $(VENV)/.made:
@@ -54,6 +54,10 @@ no-wait: $(VENV)/.dev
 	@$(BIN)/pbpo media render --environment env1 --media-dir media
 	@$(BIN)/python -m tests.browser.measure_no_wait --media-dir media
 	@$(BIN)/python -m tests.browser.measure_no_wait --media-dir media --queries 100 --look-s 6 --mbit-s 4
+
+# How long the page of a study with 200 sessions takes to open, in a real browser.
+watching: $(VENV)/.dev
+	@$(BIN)/python -m tests.browser.measure_watching
 
 calibration: $(VENV)/.app
 	@$(BIN)/python -m app.crane.calibration

@@ -81,29 +81,44 @@ function watch(line) {
     }
   }
 
-  const stamp = encodeURIComponent(byId("watching").dataset.stamp ?? "");
-  const stream = new EventSource(`${line.dataset.events}&known=${stamp}`);
-  stream.addEventListener("open", () => {
+  /** @type {EventSource | undefined} */
+  let stream;
+
+  function open() {
+    const stamp = encodeURIComponent(byId("watching").dataset.stamp ?? "");
+    stream = new EventSource(`${line.dataset.events}&known=${stamp}`);
+    stream.addEventListener("open", () => {
+      clearInterval(asking);
+      asking = undefined;
+      say("Live: this page follows what happens.");
+    });
+    stream.addEventListener("changed", refresh);
+    stream.addEventListener("error", () => {
+      if (asking === undefined) {
+        // The browser tries to open the stream again by itself, unless it was refused.
+        asking = setInterval(refresh, BETWEEN_ASKING);
+        say("Connecting again. Until then, what has changed is fetched every 10 seconds.");
+      }
+    });
+  }
+
+  function close() {
+    stream?.close();
+    stream = undefined;
     clearInterval(asking);
     asking = undefined;
-    say("Live: this page follows what happens.");
-  });
-  stream.addEventListener("changed", refresh);
-  stream.addEventListener("error", () => {
-    if (asking === undefined) {
-      // The browser tries to open the stream again by itself, unless it was refused.
-      asking = setInterval(refresh, BETWEEN_ASKING);
-      say("Connecting again. Until then, what has changed is fetched every 10 seconds.");
+  }
+
+  // A browser has six lines to a server for all its tabs: one that nobody sees gives its own back.
+  function followIfSeen() {
+    if (document.visibilityState === "hidden") {
+      close();
+    } else if (!stream) {
+      open();
     }
-  });
-  // A page that goes away, or is kept for the Back button, holds no line open.
-  addEventListener("pagehide", () => {
-    stream.close();
-    clearInterval(asking);
-  });
-  addEventListener("pageshow", (event) => {
-    if (event.persisted) {
-      location.reload();
-    }
-  });
+  }
+  followIfSeen();
+  document.addEventListener("visibilitychange", followIfSeen);
+  addEventListener("pagehide", close);
+  addEventListener("pageshow", followIfSeen);
 }

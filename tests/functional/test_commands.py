@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import io
-import sqlite3
 import sys
 from collections.abc import Callable
-from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
 import pandas as pd
 import pytest
+from sqlalchemy import select
 
 from app import cli
 from app.main import create_app
@@ -19,7 +18,10 @@ from app.services import accounts
 from app.services.export import ZIPPED
 from app.services.settings import Settings
 from app.services.studio import open_studio
+from app.storage.database import Database
+from app.storage.tables import QueryRow
 from tests.conftest import Idle, StudyShelf, write_study
+from tests.unit.study.test_video import write as write_video
 
 from .client import Api
 from .conftest import EMAIL, LEARNING_PLAN, PASSWORD
@@ -108,6 +110,38 @@ def test_a_study_is_begun_checked_created_opened_and_closed(pbpo: Run, tmp_path:
     assert " open " in pbpo("study", "list").out.splitlines()[1]
     assert pbpo("study", "close", "kettles").out == "kettles is closed.\n"
     assert pbpo("study", "open", "kettles").status == 0
+
+
+def test_a_study_is_paused_copied_and_deleted(pbpo: Run, tmp_path: Path) -> None:
+    own = write_own_study(tmp_path / "kettles")
+    pbpo("study", "create", own)
+    assert "expected an open study" in mistake(pbpo("study", "pause", "kettles"))
+    pbpo("study", "open", "kettles")
+    assert "kettles is paused" in pbpo("study", "pause", "kettles").out
+    assert "lets people in again" in pbpo("study", "resume", "kettles").out
+    copy = tmp_path / "copy"
+    assert "holds a copy of kettles" in pbpo("study", "clone", "kettles", copy).out
+    assert pbpo("study", "check", copy).out.startswith("kettles-copy: no fault found.")
+    assert "new or empty folder" in mistake(pbpo("study", "clone", "kettles", copy))
+    assert "is open" in mistake(pbpo("study", "delete", "kettles", "--confirm", "kettles"))
+    pbpo("study", "close", "kettles")
+    assert "typed to delete it" in mistake(pbpo("study", "delete", "kettles"))
+    said = pbpo("study", "delete", "kettles", "--confirm", "kettles")
+    assert said.out == "kettles is deleted.\n"
+
+
+def test_videos_that_some_browser_cannot_play_are_named_and_transcoded(
+    pbpo: Run, tmp_path: Path
+) -> None:
+    own = write_own_study(tmp_path / "kettles")
+    (own / "videos" / "a.mp4").unlink()
+    write_video(own / "videos" / "a.avi", "mpeg4")
+    table = own / "recordings.csv"
+    table.write_text(table.read_text().replace("videos/a.mp4", "videos/a.avi"))
+    assert "can be transcoded" in mistake(pbpo("study", "check", own))
+    assert pbpo("study", "transcode", own).out.splitlines()[-2:][0] == "videos/a.mp4"
+    assert pbpo("study", "check", own).status == 0
+    assert (own / "videos" / "a.avi").is_file()
 
 
 @pytest.mark.parametrize("name", ["waste-crane", "waste-crane-env2"])
@@ -239,12 +273,16 @@ def test_simulated_sessions_are_walked_exported_and_replayed(stocked: Run, tmp_p
 
 def test_a_replay_finds_a_query_that_was_changed(stocked: Run, tmp_path: Path) -> None:
     stocked("simulate", "short", "--evaluator", "certain")
-    with closing(sqlite3.connect(tmp_path / "data" / "pbpo.sqlite3")) as database, database:
-        left, right = database.execute(
-            "SELECT left_candidate, right_candidate FROM queries WHERE id = 5"
-        ).fetchone()
-        other = next(index for index in range(3) if index not in (left, right))
-        database.execute("UPDATE queries SET left_candidate = ? WHERE id = 5", (other,))
+    database = Database(Settings(data_dir=tmp_path / "data").url)
+    with database.write() as session:
+        query = session.scalars(select(QueryRow).order_by(QueryRow.id).offset(4)).first()
+        assert query is not None
+        query.left_candidate = next(
+            index
+            for index in range(3)
+            if index not in (query.left_candidate, query.right_candidate)
+        )
+    database.close()
     said = stocked("replay", "short")
     assert said.status == 1
     difference, summary = said.out.splitlines()

@@ -11,7 +11,7 @@ from app.services import audit, sharing
 from app.services.ethics import bundle, fields, pictures
 
 from .desk import DesignOf, SignedIn
-from .screens import snapshots
+from .screens import is_long, snapshots
 from .security import StudioDep
 from .study_frame import study_page
 
@@ -47,7 +47,7 @@ def ethics_bundle(
     for language in study.plan.languages:
         for name, html in snapshots(request, studio, study, language):
             files[f"screens/{language}/{name}.html"] = html.encode()
-            picture = pictures.picture_of(studio, html)
+            picture = pictures.picture_of(studio, html, is_long=is_long(html))
             if picture is not None:
                 files[f"screens/{language}/{name}.png"] = picture
     audit.note_alone(studio, caller.email, "ethics bundle made", study.slug, files=len(files))

@@ -28,10 +28,9 @@ from .templating import STATIC
 _EXAMPLE_TOKEN = "example"  # noqa: S105
 
 #: A page as tall as a laptop's window, however tall the picture may be.
-_OF_A_LAPTOP = """
-body { min-height: 720px !important; }
-.query { --screen: 720px !important; }
-.player img { width: 100%; height: 100%; object-fit: contain; }
+_OF_A_LAPTOP = f"""
+body {{ min-height: {pictures.HEIGHT}px !important; }}
+.player img {{ width: 100%; height: 100%; object-fit: contain; }}
 """
 
 _VIDEO = re.compile(r"<video\b[^>]*>\s*</video>")
@@ -48,6 +47,11 @@ def snapshots(
     pages = _pages(_as_evaluator(request, study.slug), studio, study, language)
     for number, (name, page) in enumerate(pages, start=1):
         yield f"{number:02}-{name}", _standalone(page, stills)
+
+
+def is_long(html: str) -> bool:
+    """Whether a page may be taller than a window: those with videos are made to fit one."""
+    return '<main class="query"' not in html
 
 
 def _pages(

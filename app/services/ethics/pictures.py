@@ -22,9 +22,9 @@ _FLAGS = (
     *("--disable-background-networking", "--disable-component-update", "--disable-sync"),
 )
 
-#: A page as a laptop shows it, tall enough for a long consent; what is empty below is cut off.
-WIDTH, HEIGHT = 1280, 4000
-_LEAST_HEIGHT = 720
+#: A laptop's window. A page of text is given more height; what is empty below is cut off.
+WIDTH, HEIGHT = 1280, 800
+LONG_HEIGHT = 4000
 _MARGIN = 32
 
 #: How long one picture may take, in seconds: a busy machine has other things to do.
@@ -51,8 +51,10 @@ def still(video: Path) -> str:
     return f"data:image/jpeg;base64,{base64.b64encode(sink.getvalue()).decode('ascii')}"
 
 
-def picture_of(studio: Studio, html: str) -> bytes | None:
+def picture_of(studio: Studio, html: str, *, is_long: bool = True) -> bytes | None:
     """The page as PNG; None if no browser is there, or if it took too long.
+
+    is_long: whether a page may be taller than a window; others are shown as one screen.
 
     The same page is taken once, and kept by its content in the data folder.
     """
@@ -61,7 +63,7 @@ def picture_of(studio: Studio, html: str) -> bytes | None:
         return None
     kept = studio.settings.data_dir / "screens" / f"{hashlib.sha256(html.encode()).hexdigest()}.png"
     if not kept.exists():
-        taken = _take(executable, html)
+        taken = _take(executable, html, LONG_HEIGHT if is_long else HEIGHT)
         if taken is None:
             return None
         kept.parent.mkdir(mode=0o700, exist_ok=True)
@@ -71,7 +73,7 @@ def picture_of(studio: Studio, html: str) -> bytes | None:
     return kept.read_bytes()
 
 
-def _take(executable: str, html: str) -> bytes | None:
+def _take(executable: str, html: str, height: int) -> bytes | None:
     with tempfile.TemporaryDirectory(prefix="pbpo-screen-") as name:
         folder = Path(name)
         page, picture = folder / "page.html", folder / "page.png"
@@ -82,7 +84,7 @@ def _take(executable: str, html: str) -> bytes | None:
             # The sandbox cannot be had by root. The page is our own, and holds no script.
             *(["--no-sandbox"] if os.geteuid() == 0 else []),
             f"--user-data-dir={folder / 'profile'}",
-            f"--window-size={WIDTH},{HEIGHT}",
+            f"--window-size={WIDTH},{height}",
             f"--screenshot={picture}",
             page.as_uri(),
         ]
@@ -101,7 +103,7 @@ def _cut(path: Path) -> bytes:
         picture = opened.convert("RGB")
     ground = Image.new("RGB", picture.size, picture.getpixel((0, picture.height - 1)))
     box = ImageChops.difference(picture, ground).getbbox()
-    bottom = min(picture.height, max(_LEAST_HEIGHT, (box[3] if box else 0) + _MARGIN))
+    bottom = min(picture.height, max(HEIGHT, (box[3] if box else 0) + _MARGIN))
     sink = io.BytesIO()
     picture.crop((0, 0, picture.width, bottom)).save(sink, "PNG", optimize=True)
     return sink.getvalue()

@@ -54,8 +54,9 @@ def still_clips(studio: Studio, study: StudyInfo) -> list[Clip]:
         for environment in study.plan.used_environments
         for clip in studio.proposer.space(study.id, environment).all_clips
     ]
-    ready = (clip for clip in clips if studio.recordings.ready_path(clip) is not None)
-    return [clip for clip, _ in zip(ready, range(2), strict=False)]
+    ready = [clip for clip in clips if studio.recordings.ready_path(clip) is not None]
+    # Two that differ: neighbours are runs of one candidate.
+    return [ready[0], ready[-1]] if ready else []
 
 
 def _made_up(session: Session, study: StudyInfo, language: str) -> SessionRow:

@@ -36,12 +36,14 @@ from app.web import (
     privacy_pages,
     problems,
     recruit_pages,
+    request_log,
     results_pages,
     security,
     sign_in_pages,
     stage_pages,
     story_pages,
     study_pages,
+    watched,
 )
 from app.web.templating import STATIC
 
@@ -92,9 +94,11 @@ def create_app(
     app.state.stopping = lambda: False
     problems.install(app)
     app.add_middleware(security.Guard)
+    app.add_middleware(request_log.RequestLog)
     app.add_exception_handler(desk.ToSignIn, _to_sign_in)
     app.mount("/static", KeptStaticFiles(directory=STATIC), name="static")
     for module in (
+        watched,
         api,
         exports,
         media,

@@ -7,9 +7,10 @@ from collections.abc import Callable
 from typing import Any
 
 import uvicorn
+from uvicorn.config import LOGGING_CONFIG
 
 from app.main import create_app
-from app.services import design, jobs
+from app.services import design, jobs, logs
 from app.services.errors import ConflictError
 from app.services.studio import Studio
 from app.simulation import simulate_job
@@ -44,15 +45,27 @@ class _Server(uvicorn.Server):
             self._ready()
 
 
-def serve_app(studio: Studio, socket: sockets.socket, ready: Callable[[], None]) -> None:
-    """Serve until a signal says stop; `ready` is called once requests are answered."""
+def serve_app(
+    studio: Studio, socket: sockets.socket, ready: Callable[[], None], *, json_logs: bool = False
+) -> None:
+    """Serve until a signal says stop; `ready` is called once requests are answered.
+
+    json_logs: every request and every fault as a line of JSON on standard error; else faults alone,
+    for people to read.
+    """
+    if json_logs:
+        logs.write_json()
     # Closed by the application itself: the server passes a signal on before it returns here.
     app = create_app(studio=studio, closes_studio=True)
     # Simulated evaluators walk through the application itself, which services know nothing of.
     studio.works[design.SIMULATE] = simulate_job
     jobs.revive(studio)
     config = uvicorn.Config(
-        app, log_level="warning", access_log=False, timeout_graceful_shutdown=10
+        app,
+        log_level="warning",
+        log_config=None if json_logs else LOGGING_CONFIG,
+        access_log=False,
+        timeout_graceful_shutdown=10,
     )
     server = _Server(config, ready)
     app.state.stopping = lambda: server.should_exit

@@ -61,6 +61,11 @@ class FaultReport:
 
 def respond(studio: Studio, token: str, answer: Answer) -> State:
     """Store a response and move on. The same response again changes nothing."""
+    with studio.measurements.answering(answer.response):
+        return _respond(studio, token, answer)
+
+
+def _respond(studio: Studio, token: str, answer: Answer) -> State:
     with studio.database.read() as session:
         row = sessions.find(studio, session, token)
         query = queries.find(session, row, answer.query_id)
@@ -78,7 +83,9 @@ def respond(studio: Studio, token: str, answer: Answer) -> State:
         # The fit, if it was not worked out ahead: between two transactions, inside none.
         record = (*record, _shown(query, answer.response))
         space = studio.proposer.space(trial.study_id, trial.environment)
-        step = studio.proposer.step(trial, learned(trial, record))
+        history = learned(trial, record)
+        studio.measurements.step_asked(ahead=studio.proposer.known(trial, history) is not None)
+        step = studio.proposer.step(trial, history)
         coming = following(space, trial, record, studio.proposer.step)
 
     with studio.database.write() as session:

@@ -84,6 +84,10 @@ class Background:
         """
         self._jobs.submit(key, function, args, died)
 
+    def tell_queue(self, tell: Callable[[int, int], None]) -> None:
+        """Call `tell` with how much waits and how much runs in processes, whenever that changes."""
+        self._processes.tell = tell
+
     def close(self) -> None:
         """Finish what is being done, drop what has not begun; a job is stopped."""
         self._jobs.close()
@@ -170,6 +174,7 @@ class _Processes:
         self._running: dict[Hashable, Future[Any]] = {}
         self._pool: ProcessPoolExecutor | None = None
         self._closed = False
+        self.tell: Callable[[int, int], None] = lambda _waiting, _running: None
 
     def submit(self, key: Hashable, work: Callable[[], T], *, urgent: bool) -> Future[T]:
         with self._lock:
@@ -196,6 +201,7 @@ class _Processes:
         while True:
             with self._lock:
                 if self._closed or not self._waiting or len(self._running) >= self._number:
+                    self.tell(len(self._waiting), len(self._running))
                     return
                 key, (work, future) = self._waiting.popitem(last=False)
                 if not future.set_running_or_notify_cancel():

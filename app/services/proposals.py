@@ -33,6 +33,7 @@ from app.study.checks import Checks
 
 from .background import Background
 from .beliefs import Beliefs
+from .measurements import Measurements
 
 #: One answered query: left candidate, right candidate, "left" | "right" | "skip".
 Answer = tuple[int, int, str]
@@ -132,11 +133,16 @@ class Proposer:
     """Works steps out, now or ahead."""
 
     def __init__(
-        self, database: Database, background: Background, render: Callable[[Clip], None]
+        self,
+        database: Database,
+        background: Background,
+        render: Callable[[Clip], None],
+        measurements: Measurements,
     ) -> None:
         self._database = database
         self._background = background
         self._render = render
+        self._measurements = measurements
         self._lock = threading.Lock()
         self._spaces: dict[tuple[int, str], Space] = {}
         self._steps: OrderedDict[tuple[int, History], Step] = OrderedDict()
@@ -159,7 +165,9 @@ class Proposer:
         with self._lock:
             step = self._steps.get(key)
         if step is None:
-            step = work_out(self.space(trial.study_id, trial.environment), trial, history)
+            space = self.space(trial.study_id, trial.environment)
+            with self._measurements.fitting():
+                step = work_out(space, trial, history)
             with self._lock:
                 if trial.seed not in self._forgotten:
                     self._steps[key] = step

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-from pydantic import Field, ValidationError, field_validator
+from pydantic import Field, SecretStr, ValidationError, field_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 from sqlalchemy.engine import make_url
 from sqlalchemy.exc import ArgumentError
@@ -42,6 +42,14 @@ class Settings(BaseSettings):
     chromium: Annotated[
         str, Field(description="A Chromium, for pictures of pages. Default: one that is found.")
     ] = ""
+
+    metrics_token: Annotated[
+        SecretStr | None,
+        Field(
+            min_length=32,
+            description="Bearer token for /metrics, at least 32 characters. Default: no /metrics.",
+        ),
+    ] = None
 
     @field_validator("database_url")
     @classmethod

@@ -13,6 +13,7 @@ from app.storage.schema import migrate
 
 from . import transcode_job
 from .background import Background
+from .measurements import Measurements
 from .proposals import Proposer
 from .recordings import Recordings
 from .settings import Settings
@@ -33,6 +34,7 @@ class Studio:
     background: Background
     recordings: Recordings
     proposer: Proposer
+    measurements: Measurements
     now: Callable[[], datetime] = field(default=utc_now)
     seed: Callable[[], int] = field(default=new_seed)
     #: What jobs there can be; the doors add what services may not know.
@@ -60,13 +62,16 @@ def open_studio(
     migrate(settings.url)
     database = Database(settings.url)
     background = background or Background(settings.render_jobs)
+    measurements = Measurements()
+    background.tell_queue(measurements.renders)
     recordings = Recordings(database, background, settings)
     return Studio(
         settings=settings,
         database=database,
         background=background,
         recordings=recordings,
-        proposer=Proposer(database, background, recordings.make_soon),
+        proposer=Proposer(database, background, recordings.make_soon, measurements),
+        measurements=measurements,
         now=now,
         seed=seed,
         works={transcode_job.KIND: transcode_job.transcode_draft},

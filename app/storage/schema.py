@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from functools import cache
 from pathlib import Path
 
 from alembic import command
 from alembic.config import Config
+from alembic.migration import MigrationContext
+from alembic.script import ScriptDirectory
+from sqlalchemy import Connection
 
 MIGRATIONS = Path(__file__).resolve().parents[2] / "migrations"
 
@@ -21,3 +25,16 @@ def configuration(url: str) -> Config:
 def migrate(url: str, revision: str = "head") -> None:
     """Bring the database to `revision`; nothing happens if it is there already."""
     command.upgrade(configuration(url), revision)
+
+
+@cache
+def newest_revision() -> str:
+    """The revision that this code was written for."""
+    head = ScriptDirectory(str(MIGRATIONS)).get_current_head()
+    assert head is not None
+    return head
+
+
+def revision_of(connection: Connection) -> str | None:
+    """The revision that a database is at; None if it was never migrated."""
+    return MigrationContext.configure(connection).get_current_revision()

@@ -102,6 +102,10 @@ BOB = {"email": "bob@lab.example"}
 RULES: Mapping[str, Rule] = {
     "GET /openapi.json": ANYBODY,
     "GET /": ANYBODY,
+    # Machines; measurements are for whoever holds the token of the settings, and no account.
+    "GET /healthz": ANYBODY,
+    "GET /readyz": ANYBODY,
+    "GET /metrics": ANYBODY,
     # Evaluators: their session's token, or nothing at all, says who they are.
     "POST /api/v1/studies/{slug}/sessions": ANYBODY,
     "POST /api/v1/studies/{slug}/deletions": ANYBODY,

@@ -1,0 +1,68 @@
+"""Whether the studio can do its work now, and what the state of its studies is in numbers."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+
+from prometheus_client import CollectorRegistry, Gauge, generate_latest
+from sqlalchemy import func, select
+from sqlalchemy.exc import SQLAlchemyError
+
+from app.storage.schema import newest_revision, revision_of
+from app.storage.tables import SessionRow
+
+from .studio import Studio
+
+
+def faults(studio: Studio) -> list[str]:
+    """What keeps the studio from working: a plain sentence each, with no address and no secret."""
+    found = [_database_fault(studio)]
+    found += [
+        _folder_fault(name, folder)
+        for name, folder in (
+            ("data folder", studio.settings.data_dir),
+            ("folder of rendered videos", studio.settings.media_dir),
+        )
+    ]
+    return [fault for fault in found if fault is not None]
+
+
+def metrics(studio: Studio) -> bytes:
+    """All that is measured, with the number of sessions in each stage as the database has them."""
+    registry = CollectorRegistry()
+    sessions = Gauge(
+        "pbpo_sessions", "Sessions that are kept, by stage.", ["mode", "stage"], registry=registry
+    )
+    with studio.database.read() as session:
+        counted = session.execute(
+            select(SessionRow.mode, SessionRow.stage, func.count(SessionRow.id)).group_by(
+                SessionRow.mode, SessionRow.stage
+            )
+        )
+        for mode, stage, number in counted:
+            sessions.labels(mode, stage).set(number)
+    return studio.measurements.as_text() + generate_latest(registry)
+
+
+def _database_fault(studio: Studio) -> str | None:
+    try:
+        with studio.database.read() as session:
+            revision = revision_of(session.connection())
+    except SQLAlchemyError:
+        # The database's own words may hold its address.
+        return "The database cannot be reached."
+    newest = newest_revision()
+    if revision != newest:
+        return f"The database is at schema {revision or 'none'}, and {newest} is expected."
+    return None
+
+
+def _folder_fault(name: str, folder: Path) -> str | None:
+    try:
+        # Whether the disk has room as well: a byte has to reach it.
+        with tempfile.TemporaryFile(dir=folder, buffering=0) as file:
+            file.write(b"\0")
+    except OSError as error:
+        return f"The {name} cannot be written to: {error.strerror}."
+    return None

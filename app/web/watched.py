@@ -1,0 +1,47 @@
+"""What machines ask a server: whether it lives, whether it can work, and what it measures."""
+
+from __future__ import annotations
+
+import hmac
+from typing import Annotated
+
+from fastapi import APIRouter, Header
+from fastapi.responses import JSONResponse, Response
+from prometheus_client import CONTENT_TYPE_LATEST
+
+from app.services import readiness
+
+from .security import StudioDep, bearer
+
+router = APIRouter(include_in_schema=False)
+
+_FRESH = {"Cache-Control": "no-store"}
+
+
+@router.get("/healthz")
+async def alive() -> Response:
+    """The process answers. It asks nothing else, so that a database's fault restarts no server."""
+    return JSONResponse({"alive": True}, headers=_FRESH)
+
+
+@router.get("/readyz")
+def ready(studio: StudioDep) -> Response:
+    """Whether evaluators can be sent here: 503 says why not, a sentence for each fault."""
+    found = readiness.faults(studio)
+    status = 503 if found else 200
+    return JSONResponse({"ready": not found, "faults": found}, status, headers=_FRESH)
+
+
+@router.get("/metrics")
+def metrics(
+    studio: StudioDep,
+    authorization: Annotated[str | None, Header()] = None,
+) -> Response:
+    """The measurements, for whoever holds the token; without one in the settings, nothing."""
+    token = studio.settings.metrics_token
+    if token is None:
+        return Response(status_code=404, headers=_FRESH)
+    given = (bearer(authorization) or "").encode()
+    if not hmac.compare_digest(given, token.get_secret_value().encode()):
+        return Response(status_code=401, headers={**_FRESH, "WWW-Authenticate": "Bearer"})
+    return Response(readiness.metrics(studio), media_type=CONTENT_TYPE_LATEST, headers=_FRESH)

@@ -101,6 +101,6 @@ def _fitted(
         strengths = strengths + step / max(1.0, float(np.abs(step).max()) / 2)
         if np.abs(step).max() < _PRECISION:
             break
-    # Against the mean of all: how they stand to the average opponent of the half games is no matter.
+    # Against the mean of all: how they stand to the opponent of the half games is no matter.
     centring = np.eye(len(wins)) - 1 / len(wins)
     return centring @ strengths, centring @ inverse @ centring

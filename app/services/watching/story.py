@@ -31,7 +31,7 @@ from app.storage.tables import (
 
 @dataclass(frozen=True)
 class Video:
-    """A recording as it was shown. ready: its file is there, so that looking at it costs nothing."""
+    """A recording as it was shown. ready: its file is there, so looking at it costs nothing."""
 
     candidate: int
     parameters: Mapping[str, float]

@@ -172,6 +172,10 @@ RULES: Mapping[str, Rule] = {
     "POST /drafts/{public_id}/remove": MY_DRAFT_FORM.with_(form={"file": "study.yaml"}),
     "GET /drafts/{public_id}/text": MY_DRAFT.with_(query={"file": "study.yaml"}),
     "POST /drafts/{public_id}/text": MY_DRAFT_FORM.with_(form={"file": "a.md", "text": "b"}),
+    "GET /drafts/{public_id}/settings": MY_DRAFT,
+    "POST /drafts/{public_id}/settings": MY_DRAFT_FORM.with_(form={"queries": "3"}),
+    "GET /drafts/{public_id}/settings": MY_DRAFT,
+    "POST /drafts/{public_id}/settings": MY_DRAFT_FORM,
     "POST /drafts/{public_id}/transcode": MY_DRAFT_FORM,
     "POST /drafts/{public_id}/create": MY_DRAFT_FORM,
     "POST /drafts/{public_id}/discard": MY_DRAFT_FORM,
@@ -179,6 +183,8 @@ RULES: Mapping[str, Rule] = {
     # One study: its design.
     "GET /studies/{slug}": DESIGN,
     "GET /studies/{slug}/plan": DESIGN,
+    "GET /studies/{slug}/plan/study.yaml": DESIGN,
+    "GET /studies/{slug}/plan/study.yaml": DESIGN,
     "GET /studies/{slug}/ethics": DESIGN,
     "GET /studies/{slug}/ethics.zip": DESIGN,
     # Its data.

@@ -17,6 +17,7 @@ from app.commands.asking import (
     DataDir,
     Folder,
     Slug,
+    closing_studios,
     out,
     say_link,
     settings_of,
@@ -45,6 +46,7 @@ app.add_typer(account.app, name="account")
 app.add_typer(link_app, name="link")
 app.add_typer(retention.app, name="retention")
 app.command()(export.export)
+app.command()(export.report)
 
 #: A user's mistake: what was asked for cannot be done as it was said.
 MISTAKE = 2
@@ -73,7 +75,8 @@ Port = Annotated[int, typer.Option(help="Port to listen on.", min=0, max=65535)]
 def main() -> None:
     """Run a command. A user's mistake is one line on standard error, and exit status 2."""
     try:
-        status = app(standalone_mode=False)
+        with closing_studios():
+            status = app(standalone_mode=False)
     except StudyFaults as error:
         fail(str(error))
     except (ServiceError, FolderNotEmptyError, UnknownStudyError) as error:
@@ -129,7 +132,8 @@ def serve(port: Port = 8000, host: Host = "127.0.0.1", data_dir: DataDir = None)
         safety.require_safe(studio)
         for sentence in safety.unsafe_settings(studio, host):
             print(f"pbpo: {sentence}", file=sys.stderr)
-        serve_app(studio, socket, lambda: out.print(f"http://{host}:{socket.getsockname()[1]}"))
+        address = f"http://{host}:{socket.getsockname()[1]}"
+        serve_app(studio, socket, lambda: out.print(address), json_logs=True)
 
 
 @study_app.command("init")

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from contextvars import ContextVar
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -37,8 +40,25 @@ def settings_of(data_dir: Path | None) -> Settings:
         raise ConflictError(settings_faults(error)) from None
 
 
+#: Closes, when a command ends, what it has opened.
+_OPENED: ContextVar[ExitStack] = ContextVar("opened")
+
+
+@contextmanager
+def closing_studios() -> Iterator[None]:
+    """Close every studio that was opened within, however it is left."""
+    with ExitStack() as opened:
+        token = _OPENED.set(opened)
+        try:
+            yield
+        finally:
+            _OPENED.reset(token)
+
+
 def studio_of(data_dir: Path | None, **changes: Any) -> Studio:
-    return open_studio(settings_of(data_dir), **changes)
+    studio = open_studio(settings_of(data_dir), **changes)
+    _OPENED.get().callback(studio.close)
+    return studio
 
 
 def say_link(path: str, address: str) -> None:

@@ -16,6 +16,7 @@ from app.services.settings import Settings
 from app.services.studio import Studio, open_studio
 from app.study import consistency
 from tests.conftest import Clock, Idle, NoRendering, StudyShelf
+from tests.databases import Databases
 
 from .client import Api, by_turns
 from .conftest import EMAIL, LEARNING_PLAN, PASSWORD
@@ -27,16 +28,17 @@ PROPOSED = [
 
 
 @pytest.fixture
-def places(tmp_path: Path) -> Iterator[Path]:
-    return (tmp_path / str(number) for number in range(10))
+def places(databases: Databases, tmp_path: Path) -> Iterator[str]:
+    """New databases."""
+    return (databases.new(tmp_path / str(number)) for number in range(10))
 
 
 def walked(
-    place: Path, media_dir: Path, shelf: StudyShelf, background: Background, seed: int
+    database_url: str, media_dir: Path, shelf: StudyShelf, background: Background, seed: int
 ) -> dict[str, pd.DataFrame]:
     """The tables of a new studio in which one session of this seed went to the end."""
     clock = Clock()
-    settings = Settings(data_dir=place, media_dir=media_dir)
+    settings = Settings(data_dir=media_dir, media_dir=media_dir, database_url=database_url)
     studio: Studio = open_studio(settings, now=clock.now, seed=lambda: seed, background=background)
     shelf.put_into(studio, LEARNING_PLAN)
     token = accounts.create_api_token(studio, accounts.create(studio, EMAIL, PASSWORD), "tests")
@@ -49,7 +51,7 @@ def walked(
 
 
 def test_two_studios_ask_the_same_of_the_same_session(
-    places: Iterator[Path], media_dir: Path, study_shelf: StudyShelf
+    places: Iterator[str], media_dir: Path, study_shelf: StudyShelf
 ) -> None:
     # One of them works ahead, the other one works out each query when it is asked for.
     one = walked(next(places), media_dir, study_shelf, Idle(1), seed=7)

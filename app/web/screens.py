@@ -75,7 +75,7 @@ def _pages(
         "privacy",
         render(request, slug, "participant/privacy.html", "Your privacy", **said, plan=study.plan),
     )
-    asked = {"fault": None, "typed": ""}
+    asked: dict[str, Any] = {"fault": None, "typed": ""}
     title = "Delete my answers"
     yield "delete", render(request, slug, "participant/delete.html", title, **said, **asked)
 
@@ -104,7 +104,6 @@ def _standalone(page: Response, stills: list[str | None]) -> str:
     html = bytes(page.body).decode()
     styles = f"<style>{_styles()}{_OF_A_LAPTOP}</style>"
     html = _SCRIPT.sub("", _LINK.sub("", html))
-    html = html.replace("</head>", f"  {styles}\n</head>")
     shown = iter(stills * 2)
 
     def picture(_video: re.Match[str]) -> str:
@@ -117,7 +116,8 @@ def _standalone(page: Response, stills: list[str | None]) -> str:
         html = html.replace('data-state="loading"', 'data-state="playing"')
         html = re.sub(r'<div class="player-note">.*?</div>', "", html, flags=re.DOTALL)
         html = html.replace('aria-disabled="true"', 'aria-disabled="false"')
-    return html
+    # Last: what was changed above stands in the styles, too.
+    return html.replace("</head>", f"  {styles}\n</head>")
 
 
 @lru_cache(maxsize=1)

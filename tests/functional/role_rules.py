@@ -174,8 +174,6 @@ RULES: Mapping[str, Rule] = {
     "POST /drafts/{public_id}/text": MY_DRAFT_FORM.with_(form={"file": "a.md", "text": "b"}),
     "GET /drafts/{public_id}/settings": MY_DRAFT,
     "POST /drafts/{public_id}/settings": MY_DRAFT_FORM.with_(form={"queries": "3"}),
-    "GET /drafts/{public_id}/settings": MY_DRAFT,
-    "POST /drafts/{public_id}/settings": MY_DRAFT_FORM,
     "POST /drafts/{public_id}/transcode": MY_DRAFT_FORM,
     "POST /drafts/{public_id}/create": MY_DRAFT_FORM,
     "POST /drafts/{public_id}/discard": MY_DRAFT_FORM,
@@ -183,7 +181,6 @@ RULES: Mapping[str, Rule] = {
     # One study: its design.
     "GET /studies/{slug}": DESIGN,
     "GET /studies/{slug}/plan": DESIGN,
-    "GET /studies/{slug}/plan/study.yaml": DESIGN,
     "GET /studies/{slug}/plan/study.yaml": DESIGN,
     "GET /studies/{slug}/ethics": DESIGN,
     "GET /studies/{slug}/ethics.zip": DESIGN,

@@ -45,7 +45,7 @@ def still(video: Path) -> str:
         stream = container.streams.video[0]
         frames = list(container.decode(stream))
     sink = io.BytesIO()
-    picture: Image.Image = frames[len(frames) // 2].to_image()
+    picture = Image.fromarray(frames[len(frames) // 2].to_ndarray(format="rgb24"))
     picture.thumbnail((640, 640))
     picture.save(sink, "JPEG", quality=80)
     return f"data:image/jpeg;base64,{base64.b64encode(sink.getvalue()).decode('ascii')}"

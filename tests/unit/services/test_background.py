@@ -8,7 +8,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -113,6 +113,47 @@ def test_workers_leave_when_their_server_is_killed(tmp_path: Path) -> None:
     while _runs(worker):
         assert time.monotonic() < deadline, "the worker outlived its server"
         time.sleep(0.02)
+
+
+def test_jobs_come_one_after_the_other_and_none_twice_at_a_time(
+    background: Background, tmp_path: Path
+) -> None:
+    notes, died = tmp_path / "notes", list[int]()
+    for name in ("first", "first", "second"):
+        background.as_job(name, _note, notes, name, 0.5, died=died.append)
+    _wait_for(lambda: notes.exists() and "second" in notes.read_text())
+    assert notes.read_text().split() == ["first", "second"]
+    assert died == []
+
+
+def test_a_job_whose_process_is_killed_is_told_of(background: Background) -> None:
+    died: list[int] = []
+    background.as_job("killed", _kill_oneself, died=died.append)
+    _wait_for(lambda: bool(died))
+    assert died == [-signal.SIGKILL]
+
+
+def test_the_end_of_the_server_stops_a_job_at_once(tmp_path: Path) -> None:
+    background, died = Background(1), list[int]()
+    notes = tmp_path / "notes"
+    background.as_job("long", _note, notes, "long", 600.0, died=died.append)
+    _wait_for(notes.exists)
+    started = time.monotonic()
+    background.close()
+    assert time.monotonic() - started < 20
+    # Whoever keeps the job begins it again: it was stopped, and did not fail.
+    assert died == []
+
+
+def _wait_for(happened: Callable[[], bool]) -> None:
+    deadline = time.monotonic() + 60
+    while not happened():
+        assert time.monotonic() < deadline, "it did not happen"
+        time.sleep(0.02)
+
+
+def _kill_oneself() -> None:
+    os.kill(os.getpid(), signal.SIGKILL)
 
 
 def _note(file: Path, name: str, seconds: float) -> None:

@@ -11,7 +11,7 @@ import typer
 from rich.table import Table
 from typer.exceptions import Abort, Exit, TyperException
 
-from app.commands import account, export, lifecycle, making, retention
+from app.commands import account, backup, export, lifecycle, making, retention
 from app.commands.asking import (
     Address,
     DataDir,
@@ -46,6 +46,8 @@ app.add_typer(account.app, name="account")
 app.add_typer(link_app, name="link")
 app.add_typer(retention.app, name="retention")
 app.command()(export.export)
+app.command()(backup.backup)
+app.command()(backup.restore)
 app.command()(export.report)
 
 #: A user's mistake: what was asked for cannot be done as it was said.
@@ -235,17 +237,19 @@ def simulate(
 
     from app.simulation import run
 
-    with Progress("simulating", BarColumn(), MofNCompleteColumn(), console=out) as progress:
-        task = progress.add_task("", total=sessions)
-        done = run(
-            settings_of(data_dir),
-            slug,
-            sessions,
-            evaluator.value,
-            seed,
-            eta,
-            report=lambda now, total: progress.update(task, completed=now, total=total),
-        )
+    progress = Progress("simulating", BarColumn(), MofNCompleteColumn(), console=out)
+    task = progress.add_task("", total=sessions)
+
+    def report(now: int, total: int) -> None:
+        # Begun when there is something to tell: a mistake is a line on standard error, no more.
+        progress.start()
+        progress.update(task, completed=now, total=total)
+
+    try:
+        done = run(settings_of(data_dir), slug, sessions, evaluator.value, seed, eta, report=report)
+    finally:
+        if progress.live.is_started:
+            progress.stop()
     out.print(f"{done.completed} simulated sessions of {slug} were completed.")
     out.print(f"They skipped, where they could, when both scores lay below {done.skip_below:.4g}.")
     if done.eta is not None:

@@ -1,4 +1,4 @@
-"""`pbpo export`: a study's data as files."""
+"""`pbpo export` and `pbpo report`: a study's data as files, and what they come to."""
 
 from __future__ import annotations
 
@@ -128,6 +128,37 @@ def export(
             studio, COMMAND_LINE, request, name, files, out_dir, overwrite=overwrite
         ):
             out.print(str(path))
+
+
+def report(
+    slug: Slug,
+    out_dir: Out,
+    mode: Modes = None,
+    condition: Conditions = None,
+    since: From = None,
+    until: To = None,
+    exclude_flagged: WithoutFlagged = False,
+    exclude_flag: WithoutFlags = None,
+    completed: Completed = False,
+    overwrite: Overwrite = False,
+    data_dir: DataDir = None,
+) -> None:
+    """Write a study's report, report.html and report.pdf: design, flow, results, versions."""
+    from app.services import reporting  # noqa: PLC0415 - figures are slow to load
+
+    studio = studio_of(data_dir)
+    request = asked(
+        studio, slug, mode, condition, since, until, exclude_flagged, exclude_flag, completed
+    )
+    described = reporting.describe(studio, request)
+    files = [
+        exports.File("report.html", lambda: [reporting.html(described)]),
+        exports.File("report.pdf", lambda: [reporting.pdf(described)]),
+    ]
+    for path in exports.write_folder(
+        studio, COMMAND_LINE, request, "report", files, out_dir, overwrite=overwrite
+    ):
+        out.print(str(path))
 
 
 def _day(moment: datetime | None) -> date | None:

@@ -15,6 +15,8 @@ PNG_SCALE: Final = 2.0  # pixels per point: sharp on dense screens and in print
 _VEGA_LITE: Final = ".".join(alt.SCHEMA_VERSION.removeprefix("v").split(".")[:2])
 #: Coordinates finer than a hundredth of a point are not seen, and make up half of a map's file.
 _FINE_NUMBER: Final = re.compile(r"-?\d+\.\d{3,}")
+#: What vl-convert numbers on and on from one drawing to the next.
+_NUMBERED: Final = re.compile(r"\b(gradient_|clip)\d+")
 
 
 class Drawable(Protocol):
@@ -24,8 +26,10 @@ class Drawable(Protocol):
 
 
 def svg(chart: Drawable) -> str:
-    """The chart as SVG."""
+    """The chart as SVG. The same chart gives the same text."""
     text = vl_convert.vegalite_to_svg(chart.to_dict(), vl_version=_VEGA_LITE)
+    names: dict[str, str] = {}
+    text = _NUMBERED.sub(lambda found: names.setdefault(found[0], f"{found[1]}{len(names)}"), text)
     return _FINE_NUMBER.sub(lambda found: f"{float(found[0]):.2f}", text)
 
 

@@ -12,7 +12,7 @@ from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import StreamingResponse
 from starlette.types import Receive, Scope, Send
 
-from app.services import access, export
+from app.services import access, export, reporting
 from app.services.access import Right
 from app.services.accounts import Experimenter
 from app.services.errors import NotFoundError
@@ -22,11 +22,12 @@ from app.services.studies import StudyInfo
 from app.services.studio import Studio
 
 from .problems import refusals
-from .security import ExperimenterDep, StudioDep
+from .security import POLICY, ExperimenterDep, StudioDep
 
 router = APIRouter(prefix="/api/v1/studies/{slug}", tags=["export"])
 
 Mode = Literal["live", "preview", "simulated", "all"]
+ReportForm = Literal["html", "pdf"]
 FormatName = Literal["csv", "psych-ds", "botorch", "optuna"]
 #: A form sends a day that was not filled in as an empty text.
 Day = date | Literal[""] | None
@@ -119,6 +120,33 @@ def export_table(
         f"{slug}-{table}.csv",
         "text/csv; charset=utf-8",
     )
+
+
+@router.get(
+    "/report.{form}", response_class=StreamingResponse, responses=refusals(401, 403, 404, 409, 422)
+)
+def report(
+    slug: str, form: ReportForm, studio: StudioDep, caller: ExperimenterDep, asked: FilterDep
+) -> StreamingResponse:
+    """What the data comes to: design, flow of participants, results with tests, versions."""
+    study = access.study_for(studio, caller, slug, Right.DATA)
+    return report_response(studio, caller, asked.of(studio, study), form)
+
+
+def report_response(
+    studio: Studio, caller: Experimenter, request: Request, form: ReportForm
+) -> StreamingResponse:
+    """The report, to be kept: a browser that shows it lets it run nothing."""
+    described = reporting.describe(studio, request)
+    made = reporting.html(described) if form == "html" else reporting.pdf(described)
+    name = f"{request.study.slug}-report.{form}"
+    response = Download(
+        export.recorded(studio, caller.email, request, "report", name, [made]),
+        name,
+        "text/html; charset=utf-8" if form == "html" else "application/pdf",
+    )
+    response.headers[POLICY] = f"sandbox; {reporting.POLICY}"
+    return response
 
 
 def zip_response(

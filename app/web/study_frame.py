@@ -29,6 +29,7 @@ class Place(NamedTuple):
 PLACES: Final = (
     Place("overview", "", "Overview", Right.DATA),
     Place("results", "/results", "Results", Right.DATA),
+    Place("data", "/data", "Data", Right.DATA),
     Place("recruit", "/recruit", "Recruit", Right.CHANGE),
     Place("manage", "/manage", "Manage", Right.CHANGE),
     Place("plan", "/plan", "Plan", Right.DESIGN),

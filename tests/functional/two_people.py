@@ -34,13 +34,13 @@ class TwoPeople:
             shelf.put_into(studio, LEARNING_PLAN)
             account = accounts.create(studio, EMAIL, PASSWORD)
             self.api_token = accounts.create_api_token(studio, account, "tests")
-            client.start(external_ids={"PROLIFIC_PID": "first"}).to_the_end(
-                by_turns("skip", "left", "right", "skip", "left"), clock.forward
-            )
+            first = client.start(external_ids={"PROLIFIC_PID": "first"}).to_first_query()
+            assert first.respond("left", rt_ms=1000, replays=2).status_code == 200
+            first.to_the_end(by_turns("skip", "left", "right", "skip", "left"), clock.forward)
             clock.forward(DAY_S)
             second = client.start(external_ids={"PROLIFIC_PID": "second"}).to_first_query()
             for response in ("right", "left", "left"):
-                assert second.respond(response, rt_ms=4000).status_code == 200
+                assert second.respond(response, rt_ms=4000, replays=1).status_code == 200
             self.second_token = second.token
             databases.copy(studio.settings.url, self.database)
         return studies.find(studio, "short")

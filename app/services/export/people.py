@@ -80,13 +80,14 @@ def _sessions_rows(session: Session, request: Request) -> Iterator[Row]:
     )
     noticed = quality.flags(session, request.study.id, request.modes)
     statement = of_sessions(
-        select(SessionRow, Participant.pseudonym, PlanVersion, finished.c.finished)
+        select(SessionRow, Participant.pseudonym, finished.c.finished)
         .join(Participant, SessionRow.participant_id == Participant.id)
-        .join(PlanVersion, SessionRow.plan_id == PlanVersion.id)
         .outerjoin(finished, finished.c.session_id == SessionRow.id),
         request,
     ).order_by(SessionRow.id)
-    for row, pseudonym, version, trials_finished in fetch(session, statement):
+    versions = _versions(session, request)
+    for row, pseudonym, trials_finished in fetch(session, statement):
+        version = versions[row.plan_id]
         conditions = [condition["name"] for condition in version.plan["conditions"]]
         yield (
             request.study.slug,
@@ -110,6 +111,12 @@ def _sessions_rows(session: Session, request: Request) -> Iterator[Row]:
             row.ended_at,
             "; ".join(noticed.get(row.id, ())),
         )
+
+
+def _versions(session: Session, request: Request) -> dict[int, PlanVersion]:
+    """The versions of the plan by their keys: read once, since each is long, and not per row."""
+    found = session.scalars(select(PlanVersion).where(PlanVersion.study_id == request.study.id))
+    return {version.id: version for version in found}
 
 
 def _participants_columns(_plan: Plan) -> tuple[Column, ...]:
@@ -193,10 +200,11 @@ def _questionnaires_columns(_plan: Plan) -> tuple[Column, ...]:
 def _questionnaires_rows(session: Session, request: Request) -> Iterator[Row]:
     of = (QuestionnaireAnswer.session_id, QuestionnaireAnswer.trial_index)
     statement = (
-        select(SessionRow.public_id, Participant.pseudonym, PlanVersion, QuestionnaireAnswer)
+        select(
+            SessionRow.public_id, Participant.pseudonym, SessionRow.plan_id, QuestionnaireAnswer
+        )
         .join(SessionRow, QuestionnaireAnswer.session_id == SessionRow.id)
         .join(Participant, SessionRow.participant_id == Participant.id)
-        .join(PlanVersion, SessionRow.plan_id == PlanVersion.id)
         .where(
             or_(
                 and_(of[1] == AT_THE_END_INDEX, *sessions_of(request)),
@@ -205,9 +213,10 @@ def _questionnaires_rows(session: Session, request: Request) -> Iterator[Row]:
         )
         .order_by(SessionRow.id, QuestionnaireAnswer.id)
     )
-    for session_id, pseudonym, version, row in fetch(session, statement):
+    versions = _versions(session, request)
+    for session_id, pseudonym, plan_id, row in fetch(session, statement):
         at_the_end = row.trial_index == AT_THE_END_INDEX
-        asked = stored_plan(version).items(AT_THE_END if at_the_end else AFTER_TRIAL)
+        asked = stored_plan(versions[plan_id]).items(AT_THE_END if at_the_end else AFTER_TRIAL)
         types = {item.name: item.type for item in asked}
         yield (
             pseudonym,

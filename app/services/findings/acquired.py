@@ -125,6 +125,13 @@ def _tests(rows: list[Row], order: list[str]) -> tuple[list[Row], tuple[str, ...
                     "first": first,
                     "second": second,
                     "stars": found.stars,
+                    "difference": found.difference,
+                    "low": found.low,
+                    "high": found.high,
+                    "t": found.t,
+                    "freedom": len(one) + len(other) - 2,
+                    "p": found.p,
+                    "effect": found.effect,
                 }
             )
             notes.append(

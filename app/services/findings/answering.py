@@ -7,7 +7,7 @@ from statistics import median
 from sqlalchemy.orm import Session
 
 from app.services.check_outcomes import check_outcomes
-from app.services.export.columns import Request, sessions_of
+from app.services.export.columns import Request, trials_of
 from app.statistics.shares import share
 from app.study.checks import Kind
 
@@ -107,7 +107,7 @@ def sides(session: Session, request: Request) -> Found:
 def repeats(session: Session, request: Request) -> Found:
     """How often a pair shown again, its sides swapped, was answered alike; per condition."""
     counted: dict[str, list[int]] = {}
-    for outcome in check_outcomes(session, *sessions_of(request)):
+    for outcome in check_outcomes(session, *trials_of(request)):
         if outcome.kind == Kind.REPEAT and outcome.passed is not None and outcome.trial_index >= 0:
             of_condition = counted.setdefault(outcome.condition, [0, 0])
             of_condition[0] += outcome.passed

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
-from app.services.export.columns import Request, sessions_of
+from app.services.export.columns import Request, trials_of
 from app.storage.tables import (
     Acquired,
     Candidate,
@@ -73,7 +73,7 @@ def answers(session: Session, request: Request) -> Iterator[Answer]:
         .join(Trial, Trial.session_id == SessionRow.id)
         .join(QueryRow, QueryRow.trial_id == Trial.id)
         .join(Response, Response.query_id == QueryRow.id)
-        .where(Trial.trial_index >= 0, *sessions_of(request))
+        .where(Trial.trial_index >= 0, *trials_of(request))
         .order_by(SessionRow.id, Trial.trial_index, QueryRow.query_index)
     )
     rows: Any = session.execute(statement.execution_options(yield_per=_BATCH))
@@ -98,7 +98,7 @@ def holdings(session: Session, request: Request) -> Iterator[Holding]:
         .join(Participant, SessionRow.participant_id == Participant.id)
         .join(Trial, Trial.session_id == SessionRow.id)
         .join(Acquired, Acquired.trial_id == Trial.id)
-        .where(Trial.trial_index >= 0, *sessions_of(request))
+        .where(Trial.trial_index >= 0, *trials_of(request))
         .order_by(SessionRow.id, Trial.trial_index, Acquired.query_index)
     )
     rows: Any = session.execute(statement.execution_options(yield_per=_BATCH))

@@ -1,0 +1,128 @@
+"""The part of a report that says what the study is."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+
+from sqlalchemy import func, select
+from sqlalchemy.orm import Session
+
+from app.services.studies import StudyInfo
+from app.storage.tables import Candidate, Recording
+from app.study.assignment import plan_orders
+from app.study.plan import Plan
+
+from .blocks import Block, Heading, Paragraph, Table
+
+
+def design(session: Session, study: StudyInfo) -> Iterator[Block]:
+    """What a session consists of, the conditions, and what could be shown."""
+    plan = study.plan
+    yield Heading("Design")
+    yield Paragraph(" ".join(_course(plan)))
+    yield Table(
+        "Conditions",
+        ("Condition", "Method", "Environment", "Skip button", "Settings"),
+        [
+            (
+                condition.name,
+                condition.method,
+                condition.environment,
+                plan.text(condition.skip.label, plan.default_language)
+                if condition.skip
+                else "none",
+                json.dumps(condition.settings, sort_keys=True) if condition.settings else "default",
+            )
+            for condition in plan.conditions
+        ],
+    )
+    yield Table(
+        "Candidates and recordings",
+        ("Environment", "Candidates", "Recordings", "With a score"),
+        list(_space(session, study)),
+    )
+    yield Table(
+        "Parameters of a candidate",
+        ("Parameter", "Meaning", "Unit", "Least", "Largest"),
+        list(_parameters(session, study)),
+    )
+
+
+def _course(plan: Plan) -> Iterator[str]:
+    """A session in sentences, as a section on methods would tell it."""
+    shown = plan.shown_per_trial
+    yield (
+        f"Each session has {_many(plan.trials, 'trial')} of"
+        f" {_many(plan.queries_per_trial, 'two-choice query', 'two-choice queries')},"
+        f" {_many(plan.trials_per_condition, 'trial')} for each of"
+        f" {_many(len(plan.conditions), 'condition')}; each trial begins with a fresh model."
+    )
+    orders = len(plan_orders(plan))
+    if plan.order == "counterbalanced":
+        yield f"The order of the conditions is counterbalanced over {_many(orders, 'order')}."
+    else:
+        yield "The order of the conditions is the same for everybody."
+    if plan.blocks == "environment":
+        yield "Trials of one environment are kept together."
+    if plan.break_s:
+        yield f"Between trials there is a break of {plan.break_s} s."
+    if plan.familiarisation.videos:
+        yield (
+            f"Beforehand, {_many(plan.familiarisation.videos, 'video')} drawn at random can be"
+            f" watched, of which {plan.familiarisation.required} must be."
+        )
+    if plan.practice.queries:
+        pairs = _many(plan.practice.queries, "pair")
+        yield f"{pairs} are for practice, and no model learns from them."
+    if shown > plan.queries_per_trial:
+        learns = "learns" if plan.checks.in_model else "does not learn"
+        yield (
+            f"A trial also shows {_many(plan.repeats_per_trial, 'repeat')} with the sides swapped"
+            f" and {_many(plan.attention_per_trial, 'attention check')}; the model {learns} from"
+            " them."
+        )
+    for when, items in (
+        ("After each trial", plan.questionnaires.after_trial),
+        ("At the end", plan.questionnaires.end),
+    ):
+        if items:
+            names = ", ".join(f"{item.name} ({item.type})" for item in items)
+            yield f"{when} a questionnaire asks for {names}."
+    if plan.reward is not None:
+        yield f"A session is paid with {plan.reward.amount:g} {plan.reward.currency}."
+
+
+def _many(number: int, one: str, several: str = "") -> str:
+    return f"{number} {one if number == 1 else several or f'{one}s'}"
+
+
+def _space(session: Session, study: StudyInfo) -> Iterator[tuple[str, ...]]:
+    statement = (
+        select(
+            Candidate.environment,
+            func.count(Candidate.id.distinct()),
+            func.count(Recording.id),
+            func.count(Recording.score),
+        )
+        .join(Recording, Recording.candidate_id == Candidate.id)
+        .where(Candidate.study_id == study.id)
+        .group_by(Candidate.environment)
+        .order_by(Candidate.environment)
+    )
+    for environment, *numbers in session.execute(statement):
+        yield environment, *map(str, numbers)
+
+
+def _parameters(session: Session, study: StudyInfo) -> Iterator[tuple[str, ...]]:
+    held = session.scalars(select(Candidate.parameters).where(Candidate.study_id == study.id)).all()
+    plan = study.plan
+    for parameter in plan.parameters:
+        values = [row[parameter.name] for row in held]
+        yield (
+            parameter.name,
+            plan.text(parameter.label, plan.default_language) if parameter.label else "",
+            parameter.unit or "",
+            f"{min(values):g}" if values else "",
+            f"{max(values):g}" if values else "",
+        )

@@ -1,0 +1,67 @@
+"""The part of a report that says how far the answers can be relied on."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+
+from sqlalchemy import func, select
+from sqlalchemy.orm import Session
+
+from app.services.check_outcomes import check_outcomes
+from app.services.export.columns import Request, trials_of
+from app.services.quality import LABELS, RULES
+from app.services.results import SessionLine
+from app.storage.tables import QueryRow, SessionRow, Trial, UndoneResponse
+
+from .blocks import Block, Heading, Paragraph, Table
+
+
+def reliability(
+    session: Session, request: Request, lines: Sequence[SessionLine]
+) -> Iterator[Block]:
+    """lines: the sessions that are counted."""
+    yield Heading("Quality of the data")
+    flagged = Counter(flag for line in lines for flag in line.flags)
+    yield Table(
+        "What was noticed of sessions",
+        ("Flag", "Sessions", "Raised when"),
+        [(LABELS[flag], str(flagged[flag]), rule) for flag, rule in RULES.items()],
+    )
+    clean = sum(not line.flags for line in lines)
+    checks = Counter(
+        (outcome.kind, outcome.passed)
+        for outcome in check_outcomes(session, *trials_of(request))
+        if outcome.passed is not None and outcome.trial_index >= 0
+    )
+    said = [f"{clean} of {len(lines)} sessions have no flag."]
+    for kind, name in (("attention", "attention checks"), ("repeat", "repeats")):
+        passed, failed = checks[kind, True], checks[kind, False]
+        if passed + failed:
+            said.append(f"Of {passed + failed} {name}, {passed} were passed.")
+    said.append(
+        f"{_set_aside(session, request)} pairs were set aside because a video did not play, and"
+        f" {_undone(session, request)} answers were taken back at once."
+    )
+    yield Paragraph(" ".join(said))
+
+
+def _set_aside(session: Session, request: Request) -> int:
+    statement = (
+        select(func.count(QueryRow.id))
+        .join(Trial, QueryRow.trial_id == Trial.id)
+        .join(SessionRow, Trial.session_id == SessionRow.id)
+        .where(QueryRow.set_aside_at.is_not(None), *trials_of(request))
+    )
+    return session.scalar(statement) or 0
+
+
+def _undone(session: Session, request: Request) -> int:
+    statement = (
+        select(func.count(UndoneResponse.id))
+        .join(QueryRow, UndoneResponse.query_id == QueryRow.id)
+        .join(Trial, QueryRow.trial_id == Trial.id)
+        .join(SessionRow, Trial.session_id == SessionRow.id)
+        .where(*trials_of(request))
+    )
+    return session.scalar(statement) or 0

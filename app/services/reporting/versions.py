@@ -1,0 +1,108 @@
+"""The part of a report that says under which versions the data came to be, so that it can again."""
+
+from __future__ import annotations
+
+import hashlib
+import platform
+from collections.abc import Iterator
+from importlib.metadata import version
+
+from sqlalchemy import func, select
+from sqlalchemy.orm import Session
+
+from app import __version__
+from app.services.export.columns import Request, of_sessions, of_trials
+from app.services.studies import StudyInfo
+from app.storage.tables import PlanVersion, QueryRow, SessionRow, Trial
+from app.study.texts import consent_version
+
+from .blocks import Block, Heading, Paragraph, Table
+
+#: What proposals, statistics and figures rest on.
+LIBRARIES = ("torch", "numpy", "scipy", "sqlalchemy", "altair", "vl-convert-python", "av")
+
+
+def versions(session: Session, request: Request, queries_sha256: str) -> Iterator[Block]:
+    """queries_sha256: of queries.csv with the same filter, 64 hex digits."""
+    yield Heading("Versions")
+    yield Table(
+        "Plans that sessions ran under",
+        ("Version", "SHA-256 of plan, texts and recordings", "Sessions"),
+        list(_plans(session, request)),
+    )
+    yield Table(
+        "Engines that chose the queries",
+        ("Version of the optimiser", "Queries"),
+        list(_engines(session, request)),
+    )
+    yield Table(
+        "Texts of the newest plan",
+        ("Language", "Text", "Version"),
+        list(_texts(request.study)),
+    )
+    yield Table(
+        "Consents that were agreed to",
+        ("Version", "Sessions"),
+        list(_consents(session, request)),
+    )
+    yield Table(
+        "Software that made this report",
+        ("Software", "Version"),
+        [
+            ("PBPO Studio", __version__),
+            ("Python", platform.python_version()),
+            *((name, version(name)) for name in LIBRARIES),
+        ],
+    )
+    yield Paragraph(
+        "Every session has a random seed of its own, and every query the seed of its proposal: the"
+        " columns seed of sessions.csv and queries.csv. From them and the answers, pbpo replay"
+        f" {request.study.slug} works every query out again. The numbers of this report are those"
+        f" of queries.csv with the SHA-256 {queries_sha256}."
+    )
+
+
+def _plans(session: Session, request: Request) -> Iterator[tuple[str, ...]]:
+    statement = of_sessions(
+        select(PlanVersion.version, PlanVersion.plan_hash, func.count(SessionRow.id))
+        .join(SessionRow, SessionRow.plan_id == PlanVersion.id)
+        .group_by(PlanVersion.version, PlanVersion.plan_hash)
+        .order_by(PlanVersion.version),
+        request,
+    )
+    for number, digest, count in session.execute(statement):
+        yield str(number), digest, str(count)
+
+
+def _engines(session: Session, request: Request) -> Iterator[tuple[str, ...]]:
+    statement = of_trials(
+        select(QueryRow.engine_version, func.count(QueryRow.id))
+        .join(Trial, QueryRow.trial_id == Trial.id)
+        .join(SessionRow, Trial.session_id == SessionRow.id)
+        .where(QueryRow.set_aside_at.is_(None))
+        .group_by(QueryRow.engine_version)
+        .order_by(QueryRow.engine_version),
+        request,
+    )
+    for engine, count in session.execute(statement):
+        yield engine, str(count)
+
+
+def _texts(study: StudyInfo) -> Iterator[tuple[str, ...]]:
+    """A consent by the version that people agree to, other texts by the start of their SHA-256."""
+    for language, named in sorted(study.texts.items()):
+        for name, text in sorted(named.items()):
+            digest = hashlib.sha256(text.encode("utf-8")).hexdigest()[:12]
+            yield language, name, consent_version(text) if name == "consent" else digest
+
+
+def _consents(session: Session, request: Request) -> Iterator[tuple[str, ...]]:
+    statement = of_sessions(
+        select(SessionRow.consent_version, func.count(SessionRow.id))
+        .where(SessionRow.consented_at.is_not(None))
+        .group_by(SessionRow.consent_version)
+        .order_by(SessionRow.consent_version),
+        request,
+    )
+    for agreed, count in session.execute(statement):
+        yield agreed or "unknown", str(count)

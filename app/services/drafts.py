@@ -6,33 +6,31 @@ is wrong with it is what `pbpo study check` would say of the same folder.
 
 from __future__ import annotations
 
-import csv
 import io
 import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path, PurePosixPath
-from typing import IO
 
 from sqlalchemy import delete, select, update
 
 from app.storage.records import StudyDraft
 from app.study import beginning
 from app.study.faults import Fault, StudyFaults, UnreadableFileError
-from app.study.files import misplaced, read_text
-from app.study.folder import TEXT_NAMES, WELCOME, StudyFolder
+from app.study.files import read_text
+from app.study.folder import StudyFolder
 from app.study.plan_source import STUDY_FILE
-from app.study.recordings import FILE_COLUMN, PLAYABLE
+from app.study.recordings import PLAYABLE
 
-from . import access, audit, cloning, jobs, studies, transcode_job, uploads
+from . import access, audit, cloning, draft_files, jobs, studies, transcode_job, uploads
 from .accounts import Experimenter
+from .draft_files import Sent
 from .errors import ConflictError, ForbiddenError, NotFoundError
 from .studio import Studio
 from .tokens import new_public_id
 from .uploads import UploadRefusedError
 
-VIDEO_ENDINGS = (".mp4", ".m4v", ".mov", ".webm", ".ogv", ".ogg", ".avi", ".mkv", ".mpg", ".mpeg")
 #: Files that can be changed on a page.
 TEXT_ENDINGS = (".yaml", ".csv", ".md", ".txt")
 #: A longer text would be no plan and no consent.
@@ -49,14 +47,6 @@ class Draft:
     name: str
     folder: Path
     changed_at: datetime
-
-
-@dataclass(frozen=True)
-class Sent:
-    """A file as it came from a browser, under the name that it had there."""
-
-    name: str
-    content: IO[bytes]
 
 
 @dataclass(frozen=True)
@@ -99,10 +89,10 @@ def begin(studio: Studio, caller: Experimenter, name: str, sent: Sequence[Sent] 
     draft = Draft(public_id, name, _folder(studio, public_id), studio.now())
     draft.folder.mkdir(parents=True, mode=0o700)
     try:
-        _store(studio, draft, sent)
+        draft_files.store(draft.folder, sent, _limit(studio))
         if not (draft.folder / STUDY_FILE).is_file():
-            _complete(draft)
-        _settle(draft.folder)
+            draft_files.complete(draft.folder, name)
+        draft_files.settle(draft.folder)
         _keep_row(studio, caller, draft, "draft begun")
     except BaseException:
         shutil.rmtree(draft.folder, ignore_errors=True)
@@ -171,8 +161,8 @@ def add(studio: Studio, draft: Draft, sent: Sequence[Sent]) -> list[str]:
     """Add what was sent, in the place of what has the same name; the names. A zip is unpacked."""
     if not sent:
         raise UploadRefusedError(["Expected a file, got none."])
-    names = _store(studio, draft, sent)
-    _settle(draft.folder)
+    names = draft_files.store(draft.folder, sent, _limit(studio))
+    draft_files.settle(draft.folder)
     _changed(studio, draft)
     return names
 
@@ -274,94 +264,13 @@ def _changed(studio: Studio, draft: Draft) -> None:
         )
 
 
+def _limit(studio: Studio) -> int:
+    return studio.settings.upload_limit_mb * 1_000_000
+
+
 def _name_of(sent: Sequence[Sent]) -> str:
-    zips = [PurePosixPath(one.name) for one in sent if _is_zip(one)]
+    zips = [PurePosixPath(one.name) for one in sent if draft_files.is_zip(one)]
     return zips[0].stem[:LONGEST_NAME] if zips else ""
-
-
-def _is_zip(one: Sent) -> bool:
-    return one.name.lower().endswith(".zip")
-
-
-def _store(studio: Studio, draft: Draft, sent: Sequence[Sent]) -> list[str]:
-    """Write what was sent into the draft's folder. All names are looked at before any is."""
-    limit = studio.settings.upload_limit_mb * 1_000_000
-    names: list[str] = []
-    faults: list[str] = []
-    for one in sent:
-        try:
-            names.append(uploads.harmless(one.name))
-        except UploadRefusedError as error:
-            faults.extend(error.faults)
-    if faults:
-        raise UploadRefusedError(faults)
-    stored: list[str] = []
-    for name, one in zip(names, sent, strict=True):
-        left = limit - uploads.size_of(draft.folder)
-        if _is_zip(one):
-            stored.extend(uploads.unpack(one.content, draft.folder, left))
-            continue
-        place = _place(draft.folder, name)
-        uploads.keep(one.content, draft.folder / place, left)
-        stored.append(place)
-    return stored
-
-
-def _place(folder: Path, name: str) -> str:
-    """Where a file of this name belongs: where one of its name is, or as its ending says."""
-    path = PurePosixPath(name)
-    if len(path.parts) > 1:
-        return name
-    same = _called(folder, path.name)
-    if len(same) == 1:
-        return same[0].relative_to(folder).as_posix()
-    if path.suffix.lower() in VIDEO_ENDINGS:
-        return f"videos/{name}"
-    if path.suffix == ".md" and path.stem in (WELCOME, *TEXT_NAMES):
-        return f"texts/en/{name}"
-    return name
-
-
-def _complete(draft: Draft) -> None:
-    """Begin what is missing to be a study's folder: a plan for its CSV, and texts."""
-    tables = sorted(path for path in draft.folder.glob("*.csv"))
-    parameters: list[str] = []
-    if tables:
-        try:
-            parameters = beginning.parameters_of(read_text(draft.folder, tables[0]))
-        except (UnreadableFileError, csv.Error):
-            # The check says what is wrong with it, with its line.
-            parameters = []
-    source = tables[0].name if tables else "recordings.csv"
-    written = {STUDY_FILE: beginning.begin_plan(draft.name, source, parameters)}
-    for place, text in {**beginning.example_texts(), **written}.items():
-        path = draft.folder / place
-        if not path.exists():
-            path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_text(text, encoding="utf-8")
-
-
-def _settle(folder: Path) -> None:
-    """Move each video to where the CSV says that it is, if it came without its folder."""
-    for table in folder.glob("*.csv"):
-        try:
-            rows = csv.DictReader(io.StringIO(read_text(folder, table)))
-            named = [(row.get(FILE_COLUMN) or "").strip() for row in rows]
-        except (UnreadableFileError, csv.Error):
-            continue
-        for name in named:
-            target = folder / name
-            if misplaced(name) is not None or target.exists():
-                continue
-            found = _called(folder, PurePosixPath(name).name)
-            if len(found) == 1 and found[0].relative_to(folder).as_posix() not in named:
-                target.parent.mkdir(parents=True, exist_ok=True)
-                found[0].replace(target)
-
-
-def _called(folder: Path, name: str) -> list[Path]:
-    """The files of this name, wherever they lie in the folder."""
-    return [path for path in folder.rglob("*") if path.name == name and path.is_file()]
 
 
 def _existing(draft: Draft, name: str) -> Path:

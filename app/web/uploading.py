@@ -10,7 +10,7 @@ from starlette.datastructures import FormData, UploadFile
 from starlette.exceptions import HTTPException
 from starlette.types import Message
 
-from app.services.drafts import Sent
+from app.services.draft_files import Sent
 from app.services.studio import Studio
 from app.services.uploads import MOST_FILES
 

@@ -75,6 +75,11 @@ class PostgresServer:
         self._admin.execute(f"CREATE DATABASE {name} TEMPLATE empty")
         return self._url(name)
 
+    def empty(self, name: str) -> str:
+        """The URL of a database without a single table."""
+        self._admin.execute(f"CREATE DATABASE {name}")
+        return self._url(name)
+
     def copy(self, source: str, target: str) -> None:
         names = [make_url(url).database for url in (source, target)]
         for name in names:

@@ -12,6 +12,7 @@ from sqlalchemy.orm import Session, selectinload
 from app.storage.arrivals import Tombstone
 from app.storage.tables import Participant, SessionRow
 
+from . import ledger
 from .studio import Studio
 
 #: At the person's wish, or by the study's retention rule.
@@ -19,15 +20,22 @@ Reason = Literal["wish", "retention"]
 
 
 def delete_person(
-    session: Session, participant_id: int, now: datetime, reason: Reason = "wish"
+    studio: Studio,
+    session: Session,
+    participant_id: int,
+    reason: Reason = "wish",
+    at: datetime | None = None,
 ) -> frozenset[int]:
-    """Delete a person with all their sessions; the seeds of their trials, for `forget`."""
+    """Delete a person with all their sessions; the seeds of their trials, for `forget`.
+
+    at: when it was asked for, if that is not now.
+    """
     rows = session.scalars(
         select(SessionRow)
         .where(SessionRow.participant_id == participant_id)
         .options(selectinload(SessionRow.trials))
     ).all()
-    seeds = _bury(session, rows, now, reason)
+    seeds = _bury(studio, session, rows, reason, at)
     # Everything else hangs on the participant by foreign keys that cascade.
     session.execute(
         delete(Participant).where(Participant.id == participant_id),
@@ -37,7 +45,11 @@ def delete_person(
 
 
 def delete_session(
-    session: Session, row: SessionRow, now: datetime, reason: Reason
+    studio: Studio,
+    session: Session,
+    row: SessionRow,
+    reason: Reason,
+    at: datetime | None = None,
 ) -> frozenset[int]:
     """Delete one session; its person too if it was their only one. The seeds of its trials."""
     # Locked: whoever comes again just now waits, and is then a person of one session.
@@ -48,8 +60,8 @@ def delete_session(
         .limit(1)
     )
     if others is None:
-        return delete_person(session, row.participant_id, now, reason)
-    seeds = _bury(session, [row], now, reason)
+        return delete_person(studio, session, row.participant_id, reason, at)
+    seeds = _bury(studio, session, [row], reason, at)
     session.execute(
         delete(SessionRow).where(SessionRow.id == row.id),
         execution_options={"synchronize_session": False},
@@ -64,8 +76,14 @@ def forget(studio: Studio, seeds: frozenset[int]) -> None:
 
 
 def _bury(
-    session: Session, rows: Sequence[SessionRow], now: datetime, reason: Reason
+    studio: Studio,
+    session: Session,
+    rows: Sequence[SessionRow],
+    reason: Reason,
+    at: datetime | None,
 ) -> frozenset[int]:
+    now = studio.now() if at is None else at
+    studio.ledger.note(now, reason, [ledger.session_key(row.token_hash) for row in rows])
     # The day alone: a moment could be matched with what somebody else saw at that moment.
     day = now.replace(hour=0, minute=0, second=0, microsecond=0)
     session.add_all(

@@ -10,7 +10,7 @@ from sqlalchemy.orm import Session
 from app.storage.tables import Candidate, Recording, SessionRow, Study, Trial
 from app.study import assignment
 
-from . import audit, recordings, studies
+from . import audit, ledger, recordings, studies
 from .errors import ConflictError
 from .studies import StudyInfo
 from .studio import Studio
@@ -78,6 +78,10 @@ def delete(studio: Studio, slug: str, actor: str = audit.COMMAND_LINE, *, typed:
             raise ConflictError(f"expected {slug!r} typed to delete it, got {typed!r}")
         status, digest = study.status, study.plans[-1].plan_hash
         seeds, files, number = _held(session, study.id)
+        # With its people: a draft has none, and is made and thrown away at will.
+        if status == studies.CLOSED:
+            key = ledger.study_key(slug, study.created_at)
+            studio.ledger.note(studio.now(), ledger.STUDY, [key])
         studies.delete_row(session, study)
         audit.note(
             session,

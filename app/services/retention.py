@@ -183,7 +183,7 @@ def _delete_session(studio: Studio, session: Session, session_id: int) -> frozen
     row = session.get(SessionRow, session_id, with_for_update=True)
     if row is None or not _due_of(studio, row).everything:
         return None
-    return deletion.delete_session(session, row, studio.now(), "retention")
+    return deletion.delete_session(studio, session, row, "retention")
 
 
 def _due_of(studio: Studio, row: SessionRow) -> Due:

@@ -51,6 +51,14 @@ class Settings(BaseSettings):
         ),
     ] = None
 
+    deletions_file: Annotated[
+        Path | None,
+        Field(
+            description="The ledger of deletions, best on another disk than the database."
+            " Default: deletions.log in the data folder."
+        ),
+    ] = None
+
     @field_validator("database_url")
     @classmethod
     def _known_database(cls, url: str) -> str:
@@ -66,6 +74,10 @@ class Settings(BaseSettings):
     @property
     def url(self) -> str:
         return self.database_url or f"sqlite:///{self.data_dir.resolve() / 'pbpo.sqlite3'}"
+
+    @property
+    def ledger_path(self) -> Path:
+        return self.deletions_file or self.data_dir / "deletions.log"
 
     @property
     def uploads_dir(self) -> Path:

@@ -13,6 +13,7 @@ from app.storage.schema import migrate
 
 from . import transcode_job
 from .background import Background
+from .ledger import Ledger
 from .measurements import Measurements
 from .proposals import Proposer
 from .recordings import Recordings
@@ -35,6 +36,8 @@ class Studio:
     recordings: Recordings
     proposer: Proposer
     measurements: Measurements
+    #: What a backup must not bring back.
+    ledger: Ledger
     now: Callable[[], datetime] = field(default=utc_now)
     seed: Callable[[], int] = field(default=new_seed)
     #: What jobs there can be; the doors add what services may not know.
@@ -72,6 +75,7 @@ def open_studio(
         recordings=recordings,
         proposer=Proposer(database, background, recordings.make_soon, measurements),
         measurements=measurements,
+        ledger=Ledger(settings.ledger_path),
         now=now,
         seed=seed,
         works={transcode_job.KIND: transcode_job.transcode_draft},

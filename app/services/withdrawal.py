@@ -14,7 +14,7 @@ from app.storage.tables import Identity, Participant, SessionRow, Study
 from app.study import protocol
 from app.study.protocol import Stage
 
-from . import audit, deletion, sessions
+from . import audit, deletion, ledger, sessions
 from . import state as session_state
 from .errors import NotFoundError
 from .state import State
@@ -28,6 +28,8 @@ def withdraw(studio: Studio, token: str) -> State:
         row = sessions.find(studio, session, token, to_write=True)
         sessions.advance(studio, row, protocol.Withdrew())
         if row.stage == Stage.DECLINED:
+            key = ledger.session_key(row.token_hash)
+            studio.ledger.note(studio.now(), ledger.IDENTITIES, [key])
             session.execute(delete(Identity).where(Identity.participant_id == row.participant_id))
         return session_state.describe(studio, session, row)
 
@@ -44,7 +46,7 @@ def withdraw_and_delete(studio: Studio, token: str) -> State:
             state["stage"] = Stage.WITHDRAWN.value
         # As it was before this very request: that is how far the person came.
         row.stage = came_to
-        seeds = deletion.delete_person(session, row.participant_id, studio.now())
+        seeds = deletion.delete_person(studio, session, row.participant_id)
     deletion.forget(studio, seeds)
     return state
 
@@ -70,7 +72,7 @@ def delete_by_receipt(studio: Studio, slug: str, receipt: str, actor: str | None
         )
         if participant_id is None:
             raise NotFoundError("expected a receipt code of this study, and nothing is kept for it")
-        seeds = deletion.delete_person(session, participant_id, studio.now())
+        seeds = deletion.delete_person(studio, session, participant_id)
         if actor is not None:
             audit.note(session, studio.now(), actor, "participant deleted", slug, by="receipt code")
     deletion.forget(studio, seeds)
@@ -89,6 +91,6 @@ def delete_participant(studio: Studio, slug: str, pseudonym: str, actor: str) ->
         )
         if participant_id is None:
             raise NotFoundError(f"expected a participant of this study, and {pseudonym!r} is none")
-        seeds = deletion.delete_person(session, participant_id, studio.now())
+        seeds = deletion.delete_person(studio, session, participant_id)
         audit.note(session, studio.now(), actor, "participant deleted", slug, by="pseudonym")
     deletion.forget(studio, seeds)

@@ -1,0 +1,219 @@
+"""A studio as one file, taken while it serves people, and a studio made of such a file.
+
+The file is a zip: the database, studies' own videos, the ledger of deletions, and a manifest with
+the rows of each table and the SHA-256 of each file. Videos of the crane are not in it: they are
+made again when they are asked for.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import shutil
+import tempfile
+import zipfile
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from app import __version__
+from app.storage import dumps
+from app.study.scaffold import require_empty
+
+from . import audit, ledger, redeletion, uploads
+from .errors import ConflictError
+from .settings import Settings
+from .studio import open_studio
+
+FORMAT = 1
+MANIFEST = "manifest.json"
+DATABASE = "database"
+LEDGER = "deletions.log"
+UPLOADS = "uploads"
+_PIECE = 1 << 20
+
+
+@dataclass(frozen=True)
+class Backup:
+    """What a backup holds: rows by table, and how many files besides the database."""
+
+    made_at: datetime
+    schema: str | None
+    rows: dict[str, int]
+    files: int
+    bytes: int
+
+
+@dataclass(frozen=True)
+class Restored:
+    """What came of a backup: what it held, and how many deletions were carried out again."""
+
+    backup: Backup
+    deleted_again: int
+
+
+def backup(settings: Settings, target: Path, now: datetime) -> Backup:
+    """Write everything that cannot be made again into a new file, readable by its owner alone.
+
+    Raises ConflictError if there is a file already, or if the database cannot be read.
+    """
+    if target.exists():
+        raise ConflictError(f"expected a new file, and {target} is there already")
+    if not target.parent.is_dir():
+        raise ConflictError(f"expected a folder to write to, and {target.parent} is none")
+    # Beside the target: there is room there, or the backup is in vain.
+    with tempfile.TemporaryDirectory(prefix=".pbpo-backup-", dir=target.parent) as folder:
+        copy, part = Path(folder) / DATABASE, Path(folder) / "backup.zip"
+        try:
+            held = dumps.dump(settings.url, copy)
+        except dumps.DumpError as error:
+            raise ConflictError(str(error)) from None
+        with zipfile.ZipFile(part, "w", zipfile.ZIP_DEFLATED) as archive:
+            files = {DATABASE: _add(archive, DATABASE, copy, packed=True)}
+            # After the database: what it names was there before, and so is in the archive.
+            for name, path in _besides(settings):
+                try:
+                    files[name] = _add(archive, name, path, packed=name == LEDGER)
+                except FileNotFoundError:
+                    continue  # thrown away by its maker just now
+            manifest = {
+                "format": FORMAT,
+                "app_version": __version__,
+                "made_at": now.astimezone(UTC).isoformat(timespec="seconds"),
+                "database": dumps.kind_of(settings.url),
+                "schema": held.revision,
+                "rows": dict(held.rows),
+                "files": files,
+            }
+            archive.writestr(MANIFEST, json.dumps(manifest, indent=2) + "\n")
+        part.chmod(0o600)
+        with part.open("rb") as file:
+            os.fsync(file.fileno())
+        part.rename(target)
+    return _backup(manifest)
+
+
+def restore(source: Path, settings: Settings, ledgers: Sequence[Path], now: datetime) -> Restored:
+    """Make a studio of a backup, in a new or empty folder, at the newest schema.
+
+    Every file's hash and every table's rows are compared with the manifest. Then what the ledgers
+    name is deleted again. Nothing stays in the folder if anything is wrong. Raises ConflictError.
+    """
+    lines = [line for path in ledgers for line in ledger.read(path)]
+    require_empty(settings.data_dir)
+    settings.data_dir.mkdir(parents=True, exist_ok=True, mode=0o700)
+    try:
+        manifest = _unpack(source, settings)
+        lines += ledger.read(settings.data_dir / LEDGER)
+        _merge(settings.ledger_path, lines)
+        studio = open_studio(settings, now=lambda: now)
+        try:
+            again = redeletion.apply(studio, lines)
+            audit.note_alone(
+                studio,
+                audit.COMMAND_LINE,
+                "backup restored",
+                made_at=manifest["made_at"],
+                deleted_again=again,
+            )
+        finally:
+            studio.close()
+    except BaseException:
+        for path in settings.data_dir.iterdir():
+            shutil.rmtree(path) if path.is_dir() else path.unlink()
+        raise
+    return Restored(_backup(manifest), again)
+
+
+def _besides(settings: Settings) -> Iterator[tuple[str, Path]]:
+    if settings.ledger_path.is_file():
+        yield LEDGER, settings.ledger_path
+    for path in sorted(settings.uploads_dir.rglob("*")):
+        if path.is_file() and path.suffix != ".part":
+            yield f"{UPLOADS}/{path.relative_to(settings.uploads_dir).as_posix()}", path
+
+
+def _add(archive: zipfile.ZipFile, name: str, path: Path, *, packed: bool) -> dict[str, Any]:
+    """Add a file; its hash and size, of the very bytes that went in."""
+    info = zipfile.ZipInfo.from_file(path, name, strict_timestamps=False)
+    # Videos are packed already.
+    info.compress_type = zipfile.ZIP_DEFLATED if packed else zipfile.ZIP_STORED
+    with path.open("rb") as source, archive.open(info, "w", force_zip64=True) as target:
+        digest, size = _copy(source, target)
+    return {"sha256": digest, "bytes": size}
+
+
+def _copy(source: Any, target: Any) -> tuple[str, int]:
+    digest, size = hashlib.sha256(), 0
+    while piece := source.read(_PIECE):
+        digest.update(piece)
+        size += len(piece)
+        target.write(piece)
+    return digest.hexdigest(), size
+
+
+def _unpack(source: Path, settings: Settings) -> dict[str, Any]:
+    """Put the files and the database where they belong, each as its manifest says."""
+    try:
+        with zipfile.ZipFile(source) as archive:
+            manifest = _manifest(archive, source)
+            kind = dumps.kind_of(settings.url)
+            if manifest["database"] != kind:
+                raise ConflictError(
+                    f"expected a backup of a {kind} database, which is what PBPO_DATABASE_URL says,"
+                    f" got one of {manifest['database']}"
+                )
+            for name, said in manifest["files"].items():
+                target = settings.data_dir / uploads.harmless(name)
+                target.parent.mkdir(parents=True, exist_ok=True)
+                with archive.open(name) as packed, target.open("wb") as file:
+                    digest, _ = _copy(packed, file)
+                if digest != said["sha256"]:
+                    raise ConflictError(f"{source}: {name} is not what was backed up (SHA-256)")
+    except (OSError, KeyError, zipfile.BadZipFile) as error:
+        raise ConflictError(f"expected a whole backup, got {source}: {error}") from None
+    (settings.data_dir / LEDGER).touch()
+    database = settings.data_dir / DATABASE
+    try:
+        dumps.load(database, settings.url)
+        held = dumps.contents(settings.url)
+    except dumps.DumpError as error:
+        raise ConflictError(str(error)) from None
+    if dict(held.rows) != manifest["rows"]:
+        raise ConflictError(f"{source}: expected {manifest['rows']} rows, got {dict(held.rows)}")
+    database.unlink()
+    return manifest
+
+
+def _manifest(archive: zipfile.ZipFile, source: Path) -> dict[str, Any]:
+    try:
+        manifest: dict[str, Any] = json.loads(archive.read(MANIFEST))
+        form = manifest["format"]
+    except (KeyError, TypeError, ValueError):
+        raise ConflictError(f"expected a backup, and {source} has no manifest of one") from None
+    if form != FORMAT:
+        raise ConflictError(f"expected a backup of format {FORMAT}, got {form!r}: use newer code")
+    return manifest
+
+
+def _merge(target: Path, lines: Iterable[ledger.Deleted]) -> None:
+    """Go on with one ledger that has all lines: an older backup may be restored later."""
+    kept = ledger.Ledger(target)
+    known = set(ledger.read(target)) if target.is_file() else set()
+    for line in dict.fromkeys(lines):
+        if line not in known:
+            kept.note(line.day, line.what, [line.key])
+
+
+def _backup(manifest: dict[str, Any]) -> Backup:
+    files = manifest["files"].values()
+    return Backup(
+        made_at=datetime.fromisoformat(manifest["made_at"]),
+        schema=manifest["schema"],
+        rows=manifest["rows"],
+        files=len(files) - 1,
+        bytes=sum(file["bytes"] for file in files),
+    )

@@ -67,35 +67,6 @@ def _plain(sql: str) -> str:
     return " ".join(sql.split())
 
 
-def test_an_older_database_is_brought_up_without_loss(tmp_path: Path) -> None:
-    url = f"sqlite:///{tmp_path / 'pbpo.sqlite3'}"
-    migrate(url, "0001")
-    database = Database(url)
-    with database.write() as session:
-        for statement in (
-            "INSERT INTO accounts VALUES (1, 'ada@lab.example', 'hash', '2026-01-01')",
-            "INSERT INTO api_tokens VALUES (1, 1, 'tests', 'abc', '2026-01-01', '2027-01-01')",
-            "INSERT INTO sign_ins VALUES (1, 1, 'def', '2026-01-01', '2027-01-01')",
-            "INSERT INTO studies VALUES (1, 'short', 'open', '2026-01-01', NULL, NULL)",
-            "INSERT INTO participants VALUES (1, 1, 'p-1', '2026-01-01')",
-            "INSERT INTO tombstones VALUES (1, 1, 'live', 'query', '2026-01-01')",
-        ):
-            session.execute(text(statement))
-    migrate(url)
-    with database.read() as session:
-        assert session.execute(text("SELECT id, email, role FROM accounts")).all() == [
-            (1, "ada@lab.example", "admin")
-        ]
-        assert session.execute(text("SELECT account_id, scope FROM api_tokens")).all() == [
-            (1, "write")
-        ]
-        for table in ("sign_ins", "studies", "participants"):
-            assert session.scalar(text(f"SELECT count(*) FROM {table}")) == 1, table
-        assert session.scalar(text("SELECT conditions_off FROM studies")) == "[]"
-        assert session.scalar(text("SELECT reason FROM tombstones")) == "wish"
-    database.close()
-
-
 @pytest.mark.parametrize(
     "change", ["UPDATE audit_events SET actor = 'nobody'", "DELETE FROM audit_events"]
 )

@@ -124,18 +124,31 @@ def demo(port: Port = 8000, host: Host = "127.0.0.1", data_dir: DataDir = None) 
 
 
 @app.command()
-def serve(port: Port = 8000, host: Host = "127.0.0.1", data_dir: DataDir = None) -> None:
-    """Serve the studies that are there."""
-    from app.server import listen, serve_app
+def serve(
+    port: Port = 8000,
+    host: Host = "127.0.0.1",
+    workers: Annotated[
+        int, typer.Option(help="Processes that serve; more than one on PostgreSQL.", min=1, max=64)
+    ] = 1,
+    data_dir: DataDir = None,
+) -> None:
+    """Serve the studies that are there. Logs are lines of JSON on standard error."""
+    from app.server import listen, serve_app, serve_with_workers
     from app.services import safety
 
+    safety.require_servable(settings_of(data_dir), workers)
     with listen(host, port) as socket:
         studio = studio_of(data_dir)
-        safety.require_safe(studio)
+        safety.require_safe(studio, host)
         for sentence in safety.unsafe_settings(studio, host):
             print(f"pbpo: {sentence}", file=sys.stderr)
         address = f"http://{host}:{socket.getsockname()[1]}"
-        serve_app(studio, socket, lambda: out.print(address), json_logs=True)
+        if workers > 1:
+            # Each worker opens it for itself.
+            studio.close()
+            serve_with_workers(studio.settings, socket, workers, lambda: out.print(address))
+        else:
+            serve_app(studio, socket, lambda: out.print(address), json_logs=True)
 
 
 @study_app.command("init")

@@ -2,17 +2,27 @@
 
 from __future__ import annotations
 
+import os
+import signal
 import socket as sockets
+import tempfile
+import threading
 from collections.abc import Callable
+from functools import partial
+from types import FrameType
 from typing import Any
 
 import uvicorn
+from fastapi import FastAPI
+from prometheus_client.multiprocess import mark_process_dead
 from uvicorn.config import LOGGING_CONFIG
+from uvicorn.supervisors import Multiprocess
 
 from app.main import create_app
-from app.services import design, jobs, logs
+from app.services import design, jobs, logs, measurements
 from app.services.errors import ConflictError
-from app.services.studio import Studio
+from app.services.settings import Settings
+from app.services.studio import Studio, open_studio
 from app.simulation import simulate_job
 
 
@@ -55,18 +65,85 @@ def serve_app(
     """
     if json_logs:
         logs.write_json()
+    app = _application(studio)
+    config = _config(app, studio.settings, log_config=None if json_logs else LOGGING_CONFIG)
+    server = _Server(config, ready)
+    app.state.stopping = lambda: server.should_exit
+    server.run(sockets=[socket])
+
+
+def serve_with_workers(
+    settings: Settings, socket: sockets.socket, workers: int, ready: Callable[[], None]
+) -> None:
+    """Serve with several processes on one socket; one that dies is replaced. Logs are JSON."""
+    logs.write_json()
+    # What each of them counts is put together from here, whichever is asked for it.
+    with tempfile.TemporaryDirectory(prefix="pbpo-metrics-") as folder:
+        os.environ[measurements.SHARED_DIR] = folder
+        config = _config(
+            partial(_worker, settings), settings, factory=True, log_config=None, workers=workers
+        )
+        # A worker that fits models on a busy machine may be slow to say that it lives.
+        config.timeout_worker_healthcheck = 60
+        _Workers(config, [socket], ready).run()
+
+
+class _Workers(Multiprocess):
+    def __init__(
+        self, config: uvicorn.Config, listening: list[sockets.socket], ready: Callable[[], None]
+    ) -> None:
+        super().__init__(config, listening)
+        self._ready = ready
+
+    def init_processes(self) -> None:
+        super().init_processes()
+        if self.processes[0].wait_until_ready(self.config.timeout_worker_healthcheck):
+            self._ready()
+
+    def keep_subprocess_alive(self) -> None:
+        before = {process.pid for process in self.processes}
+        super().keep_subprocess_alive()
+        for pid in before - {process.pid for process in self.processes}:
+            # What it had in its queue is in nobody's queue now.
+            mark_process_dead(pid)  # type: ignore[no-untyped-call]
+
+
+def _worker(settings: Settings) -> FastAPI:
+    """The application of one worker, made in its own process."""
+    logs.write_json()
+    app = _application(open_studio(settings))
+    told = threading.Event()
+
+    def tell(before: Any, number: int, frame: FrameType | None) -> None:
+        told.set()
+        before(number, frame)
+
+    for number in (signal.SIGTERM, signal.SIGINT):
+        # The server's own answer is there already, and is given after ours.
+        signal.signal(number, partial(tell, signal.getsignal(number)))
+    app.state.stopping = told.is_set
+    return app
+
+
+def _application(studio: Studio) -> FastAPI:
     # Closed by the application itself: the server passes a signal on before it returns here.
     app = create_app(studio=studio, closes_studio=True)
     # Simulated evaluators walk through the application itself, which services know nothing of.
     studio.works[design.SIMULATE] = simulate_job
     jobs.revive(studio)
-    config = uvicorn.Config(
+    return app
+
+
+def _config(app: Any, settings: Settings, **more: Any) -> uvicorn.Config:
+    return uvicorn.Config(
         app,
         log_level="warning",
-        log_config=None if json_logs else LOGGING_CONFIG,
         access_log=False,
+        # Which software answers is nobody's business.
+        server_header=False,
+        proxy_headers=bool(settings.trusted_proxies),
+        forwarded_allow_ips=settings.trusted_proxies,
+        # Requests under way are finished; streams end by themselves.
         timeout_graceful_shutdown=10,
+        **more,
     )
-    server = _Server(config, ready)
-    app.state.stopping = lambda: server.should_exit
-    server.run(sockets=[socket])

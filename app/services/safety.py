@@ -9,16 +9,36 @@ import ipaddress
 import stat
 from collections.abc import Iterator
 
+from sqlalchemy.engine import make_url
+
 from . import accounts, demo
 from .errors import ConflictError
+from .settings import Settings
 from .studio import Studio
 
 #: Bits of a folder's mode that let others than its owner in.
 _OTHERS = stat.S_IRWXG | stat.S_IRWXO
 
 
-def require_safe(studio: Studio) -> None:
-    """Raises ConflictError where everybody could know how to sign in."""
+def require_servable(settings: Settings, workers: int) -> None:
+    """Raises ConflictError where so many processes would stand in each other's way."""
+    if workers > 1 and make_url(settings.url).get_backend_name() == "sqlite":
+        raise ConflictError(
+            f"expected one worker on SQLite, which has one writer at a time, got {workers}: several"
+            " need PostgreSQL (PBPO_DATABASE_URL)"
+        )
+
+
+def require_safe(studio: Studio, host: str) -> None:
+    """Raises ConflictError where everybody could know how to sign in.
+
+    In production also for each setting that is less safe than it could be.
+    """
+    said = list(unsafe_settings(studio, host)) if studio.settings.production else []
+    if said:
+        raise ConflictError(
+            " ".join(["in production (PBPO_PRODUCTION) this is not served:", *said])
+        )
     with studio.database.read() as session:
         account = accounts.by_address(session, demo.EMAIL)
     if account is not None and account.disabled_at is None:
@@ -32,10 +52,10 @@ def require_safe(studio: Studio) -> None:
 def unsafe_settings(studio: Studio, host: str) -> Iterator[str]:
     """Each setting that is less safe than it could be, in a sentence that says what to do."""
     settings = studio.settings
-    if not settings.secure_cookies and not _is_loopback(host):
+    if not settings.secure_cookies and (settings.production or not _is_loopback(host)):
         yield (
-            f"Cookies would also be sent over plain HTTP, and {host} can be reached from outside:"
-            " serve behind TLS, and set PBPO_SECURE_COOKIES=true."
+            "Cookies would also be sent over plain HTTP, where others can listen: serve behind TLS,"
+            " and set PBPO_SECURE_COOKIES=true."
         )
     mode = settings.data_dir.stat().st_mode
     if mode & _OTHERS:
@@ -46,6 +66,16 @@ def unsafe_settings(studio: Studio, host: str) -> Iterator[str]:
     access = settings.data_dir / demo.ACCESS_FILE
     if access.exists():
         yield f"{access} holds the demo's password and is of no more use: delete it."
+    if settings.media_dir.stat().st_mode & stat.S_IWOTH:
+        yield (
+            f"Every user of this machine can put other videos into {settings.media_dir}:"
+            f" chmod o-w {settings.media_dir}"
+        )
+    if settings.ledger_path.exists() and settings.ledger_path.stat().st_mode & _OTHERS:
+        yield (
+            f"Other users of this machine can read or write {settings.ledger_path}:"
+            f" chmod 600 {settings.ledger_path}"
+        )
 
 
 def _is_loopback(host: str) -> bool:

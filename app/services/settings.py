@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ipaddress
 from pathlib import Path
 from typing import Annotated
 
@@ -58,6 +59,31 @@ class Settings(BaseSettings):
             " Default: deletions.log in the data folder."
         ),
     ] = None
+
+    trusted_proxies: Annotated[
+        str,
+        Field(
+            description="Addresses or networks, with commas between, of the proxies whose word on"
+            " HTTPS is taken."
+        ),
+    ] = "127.0.0.1,::1"
+    production: Annotated[
+        bool,
+        Field(description="Refuse to serve with any setting that is less safe than it could be."),
+    ] = False
+
+    @field_validator("trusted_proxies")
+    @classmethod
+    def _known_proxies(cls, value: str) -> str:
+        for part in filter(None, map(str.strip, value.split(","))):
+            try:
+                ipaddress.ip_network(part)
+            except ValueError:
+                raise ValueError(
+                    f"expected addresses or networks such as 10.0.0.0/8, got {part!r}: whoever may"
+                    " say that a request came over HTTPS has to be named"
+                ) from None
+        return value
 
     @field_validator("database_url")
     @classmethod

@@ -21,10 +21,10 @@ PATIENCE_S = 60
 class Served:
     """`pbpo serve` or `pbpo demo` on a free port. `url` is where it answers."""
 
-    def __init__(self, command: str, data_dir: Path, media_dir: Path) -> None:
+    def __init__(self, command: str, data_dir: Path, media_dir: Path, *more: str) -> None:
         self._output = data_dir.parent / f"{command}.log"
         environment = {**os.environ, "PBPO_MEDIA_DIR": str(media_dir)}
-        words = [str(PBPO), command, "--port", "0", "--data-dir", str(data_dir)]
+        words = [str(PBPO), command, "--port", "0", "--data-dir", str(data_dir), *more]
         with self._output.open("w") as output:
             self._process = subprocess.Popen(
                 words,
@@ -61,6 +61,15 @@ class Served:
         """End it as Ctrl+C does; the exit status."""
         self._process.send_signal(signal.SIGINT)
         return self._process.wait(PATIENCE_S)
+
+    def terminate(self) -> int:
+        """End it as whoever runs servers does; the exit status."""
+        self._process.send_signal(signal.SIGTERM)
+        return self._process.wait(PATIENCE_S)
+
+    @property
+    def pid(self) -> int:
+        return self._process.pid
 
     def _first_address(self) -> str:
         deadline = time.monotonic() + PATIENCE_S

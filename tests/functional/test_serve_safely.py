@@ -19,6 +19,8 @@ from .test_commands import Run, mistake, pbpo
 
 __all__ = ["pbpo"]
 
+HOST = "127.0.0.1"
+
 
 def test_the_demos_account_is_not_served_until_it_is_disabled(
     pbpo: Run, tmp_path: Path, media_dir: Path, monkeypatch: pytest.MonkeyPatch
@@ -68,6 +70,49 @@ def test_cookies_over_plain_http_are_said_where_others_can_listen(
     assert all("PBPO_SECURE_COOKIES=true" in sentence for sentence in said)
 
 
+def test_in_production_what_is_less_safe_is_refused(
+    pbpo: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PBPO_PRODUCTION", "true")
+    said = mistake(pbpo("serve", "--port", 0))
+    assert "PBPO_SECURE_COOKIES=true" in said
+
+    monkeypatch.setenv("PBPO_SECURE_COOKIES", "true")
+    monkeypatch.setenv("PBPO_MEDIA_DIR", str(tmp_path / "media"))
+    data, media = tmp_path / "data", tmp_path / "media"
+    media.mkdir()
+    data.chmod(0o755)
+    media.chmod(0o777)
+    ledger = data / "deletions.log"
+    ledger.touch()
+    ledger.chmod(0o644)
+    (data / "access.json").touch()
+    said = mistake(pbpo("serve", "--port", 0))
+    for advice in (
+        f"chmod 700 {data}",
+        f"chmod o-w {media}",
+        f"chmod 600 {ledger}",
+        "delete it.",
+    ):
+        assert advice in said
+
+
+@pytest.mark.parametrize("proxies", ["*", "10.0.0.0/8, lab.example", "10.0.0.1/8"])
+def test_proxies_are_named_by_their_addresses(
+    pbpo: Run, monkeypatch: pytest.MonkeyPatch, proxies: str
+) -> None:
+    monkeypatch.setenv("PBPO_TRUSTED_PROXIES", proxies)
+    said = mistake(pbpo("serve", "--port", 0))
+    assert "PBPO_TRUSTED_PROXIES" in said
+    assert "expected addresses or networks" in said
+
+
+@pytest.mark.sqlite
+def test_several_workers_are_refused_on_sqlite(pbpo: Run) -> None:
+    said = mistake(pbpo("serve", "--workers", 2, "--port", 0))
+    assert "expected one worker on SQLite" in said
+
+
 def test_a_data_folder_that_others_can_read_is_said(studio: Studio) -> None:
     folder = studio.settings.data_dir
     folder.chmod(0o750)
@@ -80,9 +125,9 @@ def test_a_data_folder_that_others_can_read_is_said(studio: Studio) -> None:
 
 def test_only_the_demos_account_is_refused(studio: Studio) -> None:
     accounts.create(studio, EMAIL, PASSWORD)
-    safety.require_safe(studio)
+    safety.require_safe(studio, HOST)
     accounts.create(studio, demo.EMAIL, PASSWORD, Role.REVIEWER)
     with pytest.raises(ConflictError, match="expected no demo account"):
-        safety.require_safe(studio)
+        safety.require_safe(studio, HOST)
     account_list.disable(studio, demo.EMAIL, audit.COMMAND_LINE)
-    safety.require_safe(studio)
+    safety.require_safe(studio, HOST)

@@ -1,0 +1,167 @@
+"""Servers as processes: how they stop, and several workers on one database."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import tempfile
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import httpx
+import psutil
+import pytest
+
+from app.services import accounts, studies
+from app.services.settings import Settings
+from app.services.studio import open_studio
+from tests.conftest import Idle
+from tests.databases import PostgresServer
+
+from .conftest import EMAIL, PASSWORD
+from .own_study import write_own_study
+from .served import Served
+from .test_experimenter_pages import COOKIE
+from .test_killed import Browser
+
+TOKEN = "a-token-of-thirty-two-characters!"
+
+
+def prepare(settings: Settings, folder: Path) -> str:
+    """An open study and an account; its sign-in."""
+    studio = open_studio(settings, background=Idle(1))
+    studies.create(studio, studies.load_folder(str(write_own_study(folder))))
+    studies.open_study(studio, "kettles")
+    accounts.create(studio, EMAIL, PASSWORD)
+    cookie = accounts.sign_in(studio, EMAIL, PASSWORD)
+    studio.close()
+    return cookie
+
+
+def until(condition: object, what: str) -> None:
+    assert callable(condition)
+    deadline = time.monotonic() + 30
+    while not condition():
+        assert time.monotonic() < deadline, what
+        time.sleep(0.05)
+
+
+class Watcher:
+    """A browser with the watching page open: it reads the stream of changes until that ends."""
+
+    def __init__(self, url: str, cookie: str) -> None:
+        self.began = threading.Event()
+        self.ended_well = False
+        self._url = f"{url}/studies/kettles/events"
+        self._cookies = {COOKIE: cookie}
+        self._thread = threading.Thread(target=self._read)
+        self._thread.start()
+
+    def _read(self) -> None:
+        with httpx.stream("GET", self._url, cookies=self._cookies, timeout=30) as answer:
+            for _ in answer.iter_lines():
+                self.began.set()
+        # A connection that was cut would have raised.
+        self.ended_well = True
+
+    def join(self) -> None:
+        self._thread.join(30)
+
+
+def test_told_to_stop_it_ends_streams_at_once_and_finishes_what_it_has_begun(
+    tmp_path: Path, media_dir: Path
+) -> None:
+    data_dir = tmp_path / "data"
+    cookie = prepare(Settings(data_dir=data_dir, media_dir=media_dir), tmp_path / "kettles")
+    with Served("serve", data_dir, media_dir) as server:
+        browser = Browser(server.url)
+        browser.to_first_query(server.url)
+        watcher = Watcher(server.url, cookie)
+        assert watcher.began.wait(30)
+        answered: list[int] = []
+        body = browser.body("left")
+        sending = threading.Thread(
+            target=lambda: answered.append(browser.send(server.url, "responses", body))
+        )
+        sending.start()
+        log = [json.loads(line) for line in server.output.splitlines() if line.startswith("{")]
+        assert {"/s/{slug}", "/api/v1/session/consent"} & {line.get("route") for line in log}
+        begun = time.monotonic()
+        server.terminate()
+        took = time.monotonic() - begun
+        sending.join()
+        watcher.join()
+    assert watcher.ended_well
+    # The stream looks once a second; it is not waited for until patience ends, after ten.
+    assert took < 8
+    with Served("serve", data_dir, media_dir) as again:
+        # Taken and answered, or refused at the door: never taken without an answer.
+        stored = browser.look(again.url)["progress"]["query"] == 2
+        assert stored == (answered == [200])
+
+
+@pytest.fixture
+def server(monkeypatch: pytest.MonkeyPatch) -> Iterator[PostgresServer]:
+    with tempfile.TemporaryDirectory(prefix="pbpo-") as folder:
+        made = PostgresServer(Path(folder))
+        yield made
+        made.close()
+
+
+def test_several_workers_serve_one_database_and_count_together(
+    server: PostgresServer, tmp_path: Path, media_dir: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    url = server.new(tmp_path)
+    data_dir = tmp_path / "data"
+    monkeypatch.setenv("PBPO_DATABASE_URL", url)
+    monkeypatch.setenv("PBPO_METRICS_TOKEN", TOKEN)
+    cookie = prepare(Settings(data_dir=data_dir, media_dir=media_dir), tmp_path / "kettles")
+    with Served("serve", data_dir, media_dir, "--workers", "2") as served:
+        workers = [
+            child
+            for child in psutil.Process(served.pid).children()
+            if "spawn_main" in " ".join(child.cmdline())
+        ]
+        assert len(workers) == 2
+        people = [Browser(served.url) for _ in range(6)]
+        for person in people:
+            person.to_first_query(served.url)
+            assert person.send(served.url, "responses", person.body("left")) == 200
+
+        def responses() -> float:
+            text = httpx.get(
+                f"{served.url}/metrics", headers={"Authorization": f"Bearer {TOKEN}"}
+            ).text
+            name = 'pbpo_responses_total{response="left"} '
+            return sum(
+                float(line.removeprefix(name))
+                for line in text.splitlines()
+                if line.startswith(name)
+            )
+
+        # Whichever worker is asked, it answers for both.
+        assert [responses() for _ in range(4)] == [6.0] * 4
+
+        # One that is killed is replaced, and nobody's answer is lost.
+        os.kill(workers[0].pid, signal.SIGKILL)
+        until(
+            lambda: (
+                workers[0].pid not in {child.pid for child in psutil.Process(served.pid).children()}
+            ),
+            "the killed worker went",
+        )
+        with httpx.Client(transport=httpx.HTTPTransport(retries=5)) as client:
+            headers = {"Authorization": f"Bearer {people[0].token}"}
+            state = client.get(f"{served.url}/api/v1/session", headers=headers).json()
+        assert state["progress"]["query"] == 2
+
+        watcher = Watcher(served.url, cookie)
+        assert watcher.began.wait(30)
+        begun = time.monotonic()
+        assert served.terminate() == 0
+        assert time.monotonic() - begun < 9
+        watcher.join()
+    assert watcher.ended_well

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from alembic import context
-from sqlalchemy import event
+from sqlalchemy import event, text
 
 from app.storage import accounts, arrivals, records, tables
 from app.storage.database import Database
@@ -13,6 +13,9 @@ from app.storage.database import Database
 # All modules fill the same metadata.
 for _table in (accounts.Account, arrivals.Reentry, records.AuditEvent):
     assert _table.metadata is tables.Base.metadata
+
+#: Of all who migrate this database; any number that nobody else uses.
+_ONE_AT_A_TIME = 7_262_030_001
 
 
 def run() -> None:
@@ -23,6 +26,11 @@ def run() -> None:
         event.listen(database.engine, "connect", _without_cascades)
     try:
         with database.engine.connect() as connection:
+            if not database.is_sqlite:
+                # Several servers may start at once: the others wait, and find it done. The lock goes
+                # with the connection.
+                connection.execute(text(f"SELECT pg_advisory_lock({_ONE_AT_A_TIME})"))
+                connection.commit()
             context.configure(
                 connection=connection,
                 target_metadata=tables.Base.metadata,

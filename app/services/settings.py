@@ -3,16 +3,27 @@
 from __future__ import annotations
 
 import ipaddress
+import os
 from pathlib import Path
 from typing import Annotated
 
 from pydantic import Field, SecretStr, ValidationError, field_validator
-from pydantic_settings import BaseSettings, SettingsConfigDict
+from pydantic_settings import (
+    BaseSettings,
+    PydanticBaseSettingsSource,
+    SecretsSettingsSource,
+    SettingsConfigDict,
+)
 from sqlalchemy.engine import make_url
 from sqlalchemy.exc import ArgumentError
 
+from .errors import ConflictError
+
 DATABASES = ("sqlite", "postgresql")
 _PREFIX = "PBPO_"
+#: Names a folder with a file per setting, such as `pbpo_database_url`: where a container has its
+#: secrets. Words of an environment are seen by whoever may look at a container.
+SECRETS_DIR = "PBPO_SECRETS_DIR"
 
 
 class Settings(BaseSettings):
@@ -71,6 +82,23 @@ class Settings(BaseSettings):
         bool,
         Field(description="Refuse to serve with any setting that is less safe than it could be."),
     ] = False
+
+    @classmethod
+    def settings_customise_sources(
+        cls,
+        settings_cls: type[BaseSettings],
+        init_settings: PydanticBaseSettingsSource,
+        env_settings: PydanticBaseSettingsSource,
+        dotenv_settings: PydanticBaseSettingsSource,
+        file_secret_settings: PydanticBaseSettingsSource,
+    ) -> tuple[PydanticBaseSettingsSource, ...]:
+        """What is given by name, then variables, then files of secrets. Raises ConflictError."""
+        folder = os.environ.get(SECRETS_DIR)
+        if folder is None:
+            return init_settings, env_settings
+        if not Path(folder).is_dir():
+            raise ConflictError(f"{SECRETS_DIR}: expected a folder, and {folder} is none")
+        return init_settings, env_settings, SecretsSettingsSource(settings_cls, folder)
 
     @field_validator("trusted_proxies")
     @classmethod

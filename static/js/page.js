@@ -11,6 +11,9 @@ if (!document.querySelector('[autofocus], [role="alert"]')) {
 
 document.addEventListener("submit", (event) => {
   const form = /** @type {HTMLFormElement} */ (event.target);
+  if (form.method !== "post") {
+    return; // asks, and changes nothing: a download leaves the page as it is, to ask for more
+  }
   if (form.dataset.sent) {
     event.preventDefault(); // the second half of a double click
     return;

@@ -42,6 +42,7 @@ Run = Callable[..., Said]
 COMMANDS = [
     *([], ["demo"], ["serve"], ["study"], ["study", "init"], ["study", "check"]),
     *(["study", "create"], ["study", "list"], ["study", "open"], ["study", "close"], ["export"]),
+    ["report"],
     *(["simulate"], ["media", "render"], ["replay"], ["account", "create"], ["account", "token"]),
 ]
 

@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any
 
 from sqlalchemy import event
-from sqlalchemy.pool import NullPool
 
 from app.services.errors import ConflictError
 from app.services.studio import Studio
@@ -84,8 +83,7 @@ def _optuna_storage(path: Path) -> Iterator[Any]:
     import optuna  # noqa: PLC0415 - an extra
 
     optuna.logging.set_verbosity(optuna.logging.WARNING)
-    # Each connection ends when it is given back, so that the file is whole when it is read.
-    storage = optuna.storages.RDBStorage(f"sqlite:///{path}", engine_kwargs={"poolclass": NullPool})
+    storage = optuna.storages.RDBStorage(f"sqlite:///{path}")
 
     @event.listens_for(storage.engine, "connect")
     def _quickly(connection: Any, _record: object) -> None:
@@ -93,6 +91,9 @@ def _optuna_storage(path: Path) -> Iterator[Any]:
         connection.execute("PRAGMA synchronous = OFF")
         connection.execute("PRAGMA journal_mode = MEMORY")
 
+    # Those that making the tables has opened do not know of it.
+    storage.remove_session()
+    storage.engine.dispose()
     try:
         yield storage
     finally:

@@ -200,9 +200,7 @@ def _questionnaires_columns(_plan: Plan) -> tuple[Column, ...]:
 def _questionnaires_rows(session: Session, request: Request) -> Iterator[Row]:
     of = (QuestionnaireAnswer.session_id, QuestionnaireAnswer.trial_index)
     statement = (
-        select(
-            SessionRow.public_id, Participant.pseudonym, SessionRow.plan_id, QuestionnaireAnswer
-        )
+        select(SessionRow.public_id, Participant.pseudonym, SessionRow.plan_id, QuestionnaireAnswer)
         .join(SessionRow, QuestionnaireAnswer.session_id == SessionRow.id)
         .join(Participant, SessionRow.participant_id == Participant.id)
         .where(

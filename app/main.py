@@ -19,6 +19,7 @@ from app.web import (
     activity_pages,
     admin_pages,
     api,
+    body_limit,
     data_pages,
     desk,
     draft_pages,
@@ -94,6 +95,7 @@ def create_app(
     # A server that is told to stop says so here, so that streams end before it waits for them.
     app.state.stopping = lambda: False
     problems.install(app)
+    app.add_middleware(body_limit.BodyLimit)
     app.add_middleware(security.Guard)
     app.add_middleware(request_log.RequestLog)
     app.add_exception_handler(desk.ToSignIn, _to_sign_in)

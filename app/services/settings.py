@@ -35,7 +35,7 @@ class Settings(BaseSettings):
         Path, Field(description="The SQLite file, access.json and the videos of own studies.")
     ] = Path("data")
     database_url: Annotated[
-        str, Field(description="Default: a SQLite file in the data folder.")
+        str, Field(description="URL of a database. Default: a SQLite file in the data folder.")
     ] = ""
     media_dir: Annotated[
         Path, Field(description="Rendered recordings, named by content, shared by all studies.")

@@ -126,9 +126,7 @@ class TestWorkingAhead:
     ) -> None:
         study_shelf.put_into(studio, SHORT_PLAN)
         begun: list[Clip] = []
-        proposer = Proposer(
-            studio.database, studio.background, begun.append, studio.measurements
-        )
+        proposer = Proposer(studio.database, studio.background, begun.append, studio.measurements)
         first = proposer.step(TRIAL, ()).next
         assert first is not None
         pair = (first.left_candidate, first.right_candidate)

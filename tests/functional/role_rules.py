@@ -192,8 +192,12 @@ RULES: Mapping[str, Rule] = {
     "GET /studies/{slug}/sessions/{session_id}": DATA,
     "GET /studies/{slug}/sessions/{session_id}/figures/{trial_index}/{name}.{form}": DATA,
     "GET /studies/{slug}/activity": DATA,
+    "GET /studies/{slug}/data": DATA,
+    "GET /studies/{slug}/data/download": DATA.with_(query={"format": "botorch"}),
+    "GET /studies/{slug}/data/report.{form}": DATA.with_(params={"form": "html"}),
     "GET /studies/{slug}/people": DATA,
     "GET /api/v1/studies/{slug}/export.zip": API_DATA,
+    "GET /api/v1/studies/{slug}/report.{form}": API_DATA.with_(params={"form": "html"}),
     "GET /api/v1/studies/{slug}/export/{table}.csv": API_DATA.with_(params={"table": "sessions"}),
     # What changes it.
     "GET /studies/{slug}/manage": CHANGE,

@@ -9,6 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 from app import cli
+from app.commands.asking import closing_studios
 from app.services import accounts, admission, entry_links
 from app.services.errors import ConflictError, EntryLinkError
 from app.services.studies import StudyInfo
@@ -140,7 +141,8 @@ def test_the_command_prints_one_link_on_each_line(
     studio: Studio, study: StudyInfo, tmp_path: Path
 ) -> None:
     command = ["link", "create", "short", "--count", "3", "--address", "https://lab.example/"]
-    run = CliRunner().invoke(cli.app, [*command, "--data-dir", str(studio.settings.data_dir)])
+    with closing_studios():
+        run = CliRunner().invoke(cli.app, [*command, "--data-dir", str(studio.settings.data_dir)])
     assert run.exit_code == 0, run.output
     lines = run.output.splitlines()
     assert len(set(lines)) == 3

@@ -258,7 +258,8 @@ def test_simulated_sessions_are_walked_exported_and_replayed(stocked: Run, tmp_p
     queries = pd.read_csv(out / "queries.csv")
     assert len(queries) == 2 * 3 * 5
     assert set(queries["mode"]) == {"simulated"}
-    assert set(queries["response"]) == {"left", "right", "skip"}
+    # Seeds are drawn anew in each studio: whether somebody skips is up to them.
+    assert {"left", "right"} <= set(queries["response"]) <= {"left", "right", "skip"}
     queries["shown_at"] = pd.to_datetime(queries["shown_at"])
     begun = queries.groupby(["session_id", "trial_index"])["shown_at"].first()
     assert (begun.groupby("session_id").diff().dropna() > pd.Timedelta(seconds=120)).all()

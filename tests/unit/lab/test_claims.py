@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from app.lab import claims_people, claims_simulated
-from app.lab.claims import Claim, p_value
+from app.lab.claims import Claim
 from app.lab.experiments import Task
 from app.lab.results import MissingResultsError, Results
 from app.lab.worlds import World
+from app.statistics.comparisons import p_value
 
 Rank = Callable[[Task], int]
 Make = Callable[[Rank], Results]

@@ -6,7 +6,12 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 
-.PHONY: demo test lint messages screenshots no-wait watching calibration bench clean
+# What `test` runs on PostgreSQL too: what depends on rows, locks and transactions.
+ON_POSTGRESQL := $(addprefix tests/functional/test_, $(addsuffix .py, session at_once places sent_twice entry_links \
+	exports leaving returning undo checks revised_texts retention accounts people lifecycle jobs drafts refusals determinism \
+	backup serving))
+
+.PHONY: demo test test-postgresql lint messages screenshots no-wait watching calibration bench clean
 .DEFAULT_GOAL := demo
 
 $(VENV)/.made:
@@ -31,8 +36,15 @@ $(VENV)/.bench: pyproject.toml constraints.txt | $(VENV)/.made
 demo: $(VENV)/.app
 	@$(BIN)/pbpo demo --port $(PORT) --data-dir $(DATA_DIR)
 
+# A real browser needs the machine for itself; the others share it.
 test: $(VENV)/.dev
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest --numprocesses logical tests/unit tests/functional
+	$(BIN)/python -m pytest --numprocesses logical --database postgresql $(ON_POSTGRESQL)
+	$(BIN)/python -m pytest tests/browser
+
+# Every test of the application on PostgreSQL: some minutes more than the part that `test` runs.
+test-postgresql: $(VENV)/.dev
+	$(BIN)/python -m pytest --numprocesses logical --database postgresql tests/functional
 
 lint: $(VENV)/.dev
 	$(BIN)/ruff check .

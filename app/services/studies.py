@@ -191,7 +191,9 @@ def _delete_draft(session: Session, study: Study) -> None:
 def delete_row(session: Session, study: Study) -> None:
     """Delete a study with all that hangs on it."""
     session.expunge(study)
-    # In the database, not row by row: what hangs on a study goes with it.
+    # In the database, not row by row: what hangs on a study goes with it. Sessions go first, since
+    # their queries point at recordings, which PostgreSQL would not let go before them.
+    session.execute(delete(SessionRow).where(SessionRow.study_id == study.id))
     session.execute(delete(Study).where(Study.id == study.id))
 
 

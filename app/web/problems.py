@@ -8,6 +8,7 @@ from typing import Any
 from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse, Response
+from sqlalchemy.exc import DataError
 from starlette.exceptions import HTTPException
 
 from app.services import errors, uploads
@@ -102,6 +103,7 @@ def install(app: FastAPI) -> None:
     for domain_error, _ in KINDS:
         app.add_exception_handler(domain_error, _domain_error)
     app.add_exception_handler(RequestValidationError, _invalid)
+    app.add_exception_handler(DataError, _not_storable)
     app.add_exception_handler(HTTPException, _http_error)
 
 
@@ -165,6 +167,11 @@ async def _invalid(request: Request, error: Exception) -> Response:
     ]
     detail = "; ".join(f"{fault['pointer']}: {fault['detail']}" for fault in faults)
     return _answer(request, Kind(422, "invalid", "Not understood"), detail, errors=faults)
+
+
+async def _not_storable(request: Request, _error: Exception) -> Response:
+    detail = "expected text and numbers that the database can hold, got a NUL or a number too large"
+    return _answer(request, Kind(422, "invalid", "Not understood"), detail)
 
 
 async def _http_error(request: Request, error: Exception) -> Response:

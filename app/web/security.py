@@ -190,4 +190,10 @@ class Guard:
             await refusal(scope, receive, send_with_headers)
             return
 
+        if "\0" in scope["path"]:
+            # No name of ours holds one, and PostgreSQL cannot even be asked for it.
+            nothing = Response("There is nothing at this address.", 404, media_type="text/plain")
+            await nothing(scope, receive, send_with_headers)
+            return
+
         await self._app(scope, receive, send_with_headers)

@@ -7,9 +7,8 @@ BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 
 # What `test` runs on PostgreSQL too: what depends on rows, locks and transactions.
-ON_POSTGRESQL := $(addprefix tests/functional/test_, $(addsuffix .py, session at_once places sent_twice entry_links \
-	exports leaving returning undo checks revised_texts retention accounts people lifecycle jobs drafts refusals determinism \
-	backup serving))
+ON_POSTGRESQL := $(addprefix tests/functional/test_, $(addsuffix .py, session at_once places sent_twice \
+	entry_links exports leaving returning undo lifecycle refusals))
 
 .PHONY: demo test test-postgresql lint messages screenshots no-wait watching calibration bench clean
 .DEFAULT_GOAL := demo

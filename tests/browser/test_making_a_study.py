@@ -73,6 +73,7 @@ def test_from_a_zip_with_three_faults_to_an_open_study(
     page.get_by_label("Password").fill(PASSWORD)
     page.get_by_test_id("sign-in").click()
     page.get_by_test_id("new-study").click()
+    page.wait_for_url("**/studies/new")
     looked_at(page, "new")
     page.get_by_test_id("draft-files").set_input_files(packed)
     page.get_by_test_id("begin-draft").click()
@@ -88,11 +89,13 @@ def test_from_a_zip_with_three_faults_to_an_open_study(
 
     # Put right by the form, by hand, and by sending a file again.
     page.get_by_test_id("settings").click()
+    page.wait_for_url("**/settings")
     looked_at(page, "settings")
     page.get_by_label("Pairs per trial").fill("3")
     page.get_by_test_id("save-settings").click()
     expect(page.get_by_test_id("faults-count")).to_have_text("2 faults to put right")
     page.get_by_role("link", name="Change recordings.csv").click()
+    page.wait_for_url("**/text?**")
     looked_at(page, "text")
     text = page.get_by_test_id("draft-text")
     text.fill(text.input_value().replace("fast,", "0.2,"))

@@ -35,11 +35,11 @@ $(VENV)/.bench: pyproject.toml constraints.txt | $(VENV)/.made
 demo: $(VENV)/.app
 	@$(BIN)/pbpo demo --port $(PORT) --data-dir $(DATA_DIR)
 
-# A real browser needs the machine for itself; the others share it.
+# The browsers come last: nothing else should take the machine from them.
 test: $(VENV)/.dev
 	$(BIN)/python -m pytest --numprocesses logical tests/unit tests/functional
 	$(BIN)/python -m pytest --numprocesses logical --database postgresql $(ON_POSTGRESQL)
-	$(BIN)/python -m pytest tests/browser
+	$(BIN)/python -m pytest --numprocesses logical tests/browser
 
 # Every test of the application on PostgreSQL: some minutes more than the part that `test` runs.
 test-postgresql: $(VENV)/.dev

@@ -93,7 +93,7 @@ def server(tmp_path: Path, media_dir: Path) -> Iterator[Server]:
     server = Server(data_dir, media_dir)
     server.start()
     yield server
-    server.stop()
+    server.kill()
 
 
 @pytest.fixture
@@ -114,4 +114,4 @@ def serve(tmp_path: Path, media_dir: Path) -> Iterator[Callable[[str], Server]]:
 
     yield start
     for server in servers:
-        server.stop()
+        server.kill()

@@ -38,7 +38,7 @@ def empty_server(tmp_path: Path, media_dir: Path) -> Iterator[Server]:
     server = Server(data_dir, media_dir)
     server.start()
     yield server
-    server.stop()
+    server.kill()
 
 
 def looked_at(page: Page, name: str) -> None:

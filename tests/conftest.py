@@ -69,7 +69,13 @@ def settings(tmp_path: Path, media_dir: Path) -> Settings:
 @pytest.fixture(scope="session")
 def media_dir(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Rendered recordings, shared by all tests of a run (and by runs, where one is named)."""
-    return Path(os.environ.get("PBPO_TEST_MEDIA_DIR") or tmp_path_factory.mktemp("media"))
+    if named := os.environ.get("PBPO_TEST_MEDIA_DIR"):
+        return Path(named)
+    # Tests that run in several processes have a folder each, within one of the run's.
+    own = tmp_path_factory.getbasetemp()
+    folder = (own.parent if "PYTEST_XDIST_WORKER" in os.environ else own) / "media"
+    folder.mkdir(exist_ok=True)
+    return folder
 
 
 class NoRendering(Background):

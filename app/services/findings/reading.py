@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
-from sqlalchemy import func, select
+from sqlalchemy import Select, func, select
 from sqlalchemy.orm import Session
 
 from app.services.export.columns import Request, trials_of
@@ -55,12 +55,8 @@ class Holding(NamedTuple):
 def answers(session: Session, request: Request) -> Iterator[Answer]:
     """In the order of sessions, trials and queries."""
     statement = (
-        select(
-            SessionRow.public_id,
-            Participant.pseudonym,
-            Trial.trial_index,
-            Trial.condition,
-            Trial.environment,
+        _of_trials(
+            request,
             QueryRow.query_index,
             QueryRow.trial_type,
             QueryRow.left_candidate,
@@ -68,42 +64,43 @@ def answers(session: Session, request: Request) -> Iterator[Answer]:
             Response.response,
             Response.rt_ms,
         )
-        .select_from(SessionRow)
-        .join(Participant, SessionRow.participant_id == Participant.id)
-        .join(Trial, Trial.session_id == SessionRow.id)
         .join(QueryRow, QueryRow.trial_id == Trial.id)
         .join(Response, Response.query_id == QueryRow.id)
-        .where(Trial.trial_index >= 0, *trials_of(request))
-        .order_by(SessionRow.id, Trial.trial_index, QueryRow.query_index)
+        .order_by(QueryRow.query_index)
     )
-    rows: Any = session.execute(statement.execution_options(yield_per=_BATCH))
-    for row in rows:
+    for row in session.execute(statement):
         yield Answer(*row)
 
 
 def holdings(session: Session, request: Request) -> Iterator[Holding]:
     """The acquired candidates, in the order of sessions, trials and queries."""
     statement = (
+        _of_trials(request, Trial.ended_at.is_not(None), Acquired.query_index, Acquired.candidate)
+        .join(Acquired, Acquired.trial_id == Trial.id)
+        .order_by(Acquired.query_index)
+    )
+    for row in session.execute(statement):
+        yield Holding(*row)
+
+
+def _of_trials(request: Request, *columns: Any) -> Select[Any]:
+    """Who, which trial and under what, then `columns`: a row for each of what is joined to it."""
+    return (
         select(
             SessionRow.public_id,
             Participant.pseudonym,
             Trial.trial_index,
             Trial.condition,
             Trial.environment,
-            Trial.ended_at.is_not(None),
-            Acquired.query_index,
-            Acquired.candidate,
+            *columns,
         )
         .select_from(SessionRow)
         .join(Participant, SessionRow.participant_id == Participant.id)
         .join(Trial, Trial.session_id == SessionRow.id)
-        .join(Acquired, Acquired.trial_id == Trial.id)
         .where(Trial.trial_index >= 0, *trials_of(request))
-        .order_by(SessionRow.id, Trial.trial_index, Acquired.query_index)
+        .order_by(SessionRow.id, Trial.trial_index)
+        .execution_options(yield_per=_BATCH)
     )
-    rows: Any = session.execute(statement.execution_options(yield_per=_BATCH))
-    for row in rows:
-        yield Holding(*row)
 
 
 def scores(session: Session, request: Request) -> dict[tuple[str, int], float]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from typing import Any
 
 from app.study.plan import Plan
@@ -10,6 +11,8 @@ from app.study.recruitment import Outcome
 
 from . import recruitment, sessions, studies
 from .studio import Studio
+
+log = logging.getLogger(__name__)
 
 #: Each study's plan as it was last seen: the way back is known even if the database is not there.
 _LAST_SEEN: dict[str, Plan] = {}
@@ -38,5 +41,7 @@ def after_a_failure(studio: Studio, slug: str, token: str | None) -> dict[str, A
                 plan, outcome, recruitment.ids_of(session, row.participant_id)
             )
     except Exception:
+        # Whatever keeps us from looking the way back up: the person gets the one we remember.
+        log.exception("the way back of somebody in the study %r could not be looked up", slug)
         known = _LAST_SEEN.get(slug)
         return recruitment.described(known, "technical") if known is not None else None

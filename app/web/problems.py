@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import logging
 from dataclasses import asdict, dataclass
 from typing import Any
 
 from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse, Response
-from sqlalchemy.exc import DataError
+from sqlalchemy.exc import DataError, OperationalError
 from starlette.exceptions import HTTPException
 
 from app.services import errors, uploads
@@ -18,6 +19,8 @@ from . import languages
 from .schemas import Problem
 from .templating import DEFAULTS, page
 from .words import spoken, translatable, translated
+
+log = logging.getLogger(__name__)
 
 MEDIA_TYPE = "application/problem+json"
 
@@ -104,6 +107,7 @@ def install(app: FastAPI) -> None:
         app.add_exception_handler(domain_error, _domain_error)
     app.add_exception_handler(RequestValidationError, _invalid)
     app.add_exception_handler(DataError, _not_storable)
+    app.add_exception_handler(OperationalError, _out_of_order)
     app.add_exception_handler(HTTPException, _http_error)
 
 
@@ -172,6 +176,13 @@ async def _invalid(request: Request, error: Exception) -> Response:
 async def _not_storable(request: Request, _error: Exception) -> Response:
     detail = "expected text and numbers that the database can hold, got a NUL or a number too large"
     return _answer(request, Kind(422, "invalid", "Not understood"), detail)
+
+
+async def _out_of_order(request: Request, error: Exception) -> Response:
+    """The database is full, locked or away: nothing was stored, and the same again may succeed."""
+    log.error("the database failed", exc_info=error)
+    kind = Kind(503, "unavailable", "Not possible just now")
+    return _answer(request, kind, "the database could not be used; nothing was changed")
 
 
 async def _http_error(request: Request, error: Exception) -> Response:

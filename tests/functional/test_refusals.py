@@ -7,6 +7,7 @@ from typing import Any
 import httpx
 import pytest
 from fastapi import FastAPI
+from sqlalchemy import event
 
 from app.services import studies
 from app.services.studies import StudyInfo
@@ -365,3 +366,27 @@ def test_text_that_a_database_cannot_hold_is_refused_not_a_fault_of_ours(
     assert answer.status_code in (201, 422), answer.text
     for path in ("/s/sh%00rt", "/media/%00.mp4", "/api/v1/studies/%00/export.zip"):
         assert client.get(path).status_code == 404
+
+
+@pytest.mark.sqlite
+def test_where_the_disk_is_full_nothing_is_stored_and_the_answer_says_to_try_again(
+    client: Api, studio: Studio, short_study: StudyInfo
+) -> None:
+    session = client.start().to_first_query()
+    answer = {"query_id": session.state["query"]["id"], "response": "left"}
+
+    def fill(connection: Any, _record: Any) -> None:
+        connection.execute("PRAGMA max_page_count = 1")
+
+    event.listen(studio.database.engine, "connect", fill)
+    studio.database.engine.dispose()
+    # More than fits into the room that is left in pages that are there.
+    watched = [{"event": "play", "side": "left", "time_ms": ms} for ms in range(1000)]
+    refused = session.call("responses", {**answer, "events": watched})
+    assert refused.status_code == 503, refused.text
+    assert refused.json()["type"].endswith(":unavailable")
+
+    event.remove(studio.database.engine, "connect", fill)
+    studio.database.engine.dispose()
+    assert session.call("responses", answer).status_code == 200
+    assert session.state["progress"]["query"] == 2

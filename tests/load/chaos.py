@@ -1,0 +1,214 @@
+"""What evaluators live through when things break: `make chaos`.
+
+A crowd that presses quickly works on `pbpo serve`, and something is broken under it, again and
+again. Whatever was acknowledged has to be stored, once; each session goes on at its own query; and
+every query has to be the one that its history says. The crowd sends again what got no answer, as
+the pages do.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import sqlite3
+import sys
+import tempfile
+from collections.abc import Awaitable, Callable
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from app.services.settings import Settings
+from tests.browser.server import Server
+from tests.databases import PostgresServer
+
+from . import stored
+from .crowd import Habits, Log, crowd
+from .measure import database
+from .study import STUDY, make_videos, open_shipped
+
+#: Evaluators in the crowd, and the mean time that they look at a pair, in seconds.
+CROWD, THINK_S = 12, 0.4
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What there is to break."""
+
+    server: Server
+    settings: Settings
+    postgres: PostgresServer | None
+    rng: np.random.Generator
+    log: Log
+    times: int
+
+    async def answers(self, number: int = 5) -> None:
+        """Wait until the crowd got so many more answers: the studio works."""
+        wanted = self.answered + number
+        while self.answered < wanted:
+            await asyncio.sleep(0.02)
+
+    @property
+    def answered(self) -> int:
+        return sum(map(len, self.log.acknowledged.values()))
+
+
+Break = Callable[[Scene], Awaitable[None]]
+
+
+async def killed(scene: Scene) -> None:
+    """SIGKILL at a random moment."""
+    for _ in range(scene.times):
+        await scene.answers()
+        await asyncio.sleep(scene.rng.uniform(0, 0.5))
+        scene.server.kill()
+        await _started(scene.server)
+
+
+async def ended(scene: Scene) -> None:
+    """SIGTERM at a random moment: what is under way is finished."""
+    for _ in range(max(scene.times // 5, 1)):
+        await scene.answers()
+        await asyncio.sleep(scene.rng.uniform(0, 0.5))
+        await asyncio.to_thread(scene.server.stop)
+        await _started(scene.server)
+
+
+async def database_stopped(scene: Scene) -> None:
+    """PostgreSQL is stopped for some seconds, with every connection cut, and started again."""
+    assert scene.postgres is not None
+    for _ in range(max(scene.times // 20, 1)):
+        await scene.answers()
+        await asyncio.to_thread(scene.postgres.stop)
+        await asyncio.sleep(3)
+        await asyncio.to_thread(scene.postgres.start)
+    await scene.answers()
+
+
+async def disk_full(scene: Scene) -> None:
+    """No file of the server's may grow for some seconds."""
+    for _ in range(max(scene.times // 20, 1)):
+        await scene.answers()
+        scene.server.let_write(most_bytes=0)
+        await asyncio.sleep(3)
+        scene.server.let_write()
+    await scene.answers()
+
+
+async def locked(scene: Scene) -> None:
+    """Somebody else keeps the database's lock for 30 s: twice as long as the server waits."""
+    await scene.answers()
+    path = scene.settings.data_dir / "pbpo.sqlite3"
+    with closing(sqlite3.connect(path, isolation_level=None)) as other:
+        other.execute("BEGIN IMMEDIATE")
+        await asyncio.sleep(30)
+        other.execute("ROLLBACK")
+    await scene.answers()
+
+
+async def videos_gone(scene: Scene) -> None:
+    """The folder of videos is away for some seconds."""
+    media, away = scene.settings.media_dir, scene.settings.media_dir.with_name("away")
+    await scene.answers()
+    media.rename(away)
+    await asyncio.sleep(5)
+    # What was made again meanwhile is the same as what comes back.
+    if media.exists():
+        for made in media.iterdir():
+            made.replace(away / made.name)
+        media.rmdir()
+    away.rename(media)
+    await scene.answers()
+    before = scene.log.videos
+    while scene.log.videos < before + 5:
+        await asyncio.sleep(0.05)
+
+
+async def clock_back(scene: Scene) -> None:
+    """The server's clock goes back by two hours, and after some answers to where it was."""
+    await scene.answers()
+    for hours in (-2.0, 0.0):
+        scene.server.stop()
+        scene.server.clock_ahead_h = hours
+        await _started(scene.server)
+        await scene.answers(3 * CROWD)
+
+
+SQLITE: tuple[Break, ...] = (killed, ended, disk_full, locked, videos_gone, clock_back)
+POSTGRESQL: tuple[Break, ...] = (killed, ended, database_stopped)
+
+
+async def _started(server: Server) -> None:
+    await asyncio.to_thread(server.start)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--times", type=int, default=100, help="how often the server is killed")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--only", nargs="*", default=[], help="names of what is broken")
+    parser.add_argument("--media-dir", type=Path, default=Path("build/load-media"))
+    options = parser.parse_args()
+    print("| broken | on | times asked again | refused | answers acknowledged | lost or doubled |")
+    print("|---|---|---|---|---|---|", flush=True)
+    sound = True
+    for on_postgresql, breaks in ((False, SQLITE), (True, POSTGRESQL)):
+        for breaking in breaks:
+            if not options.only or breaking.__name__ in options.only:
+                sound &= _play(breaking, options, postgresql=on_postgresql)
+    sys.exit(0 if sound else 1)
+
+
+def _play(breaking: Break, options: argparse.Namespace, *, postgresql: bool) -> bool:
+    source = options.media_dir.resolve()
+    make_videos(source)
+    with (
+        tempfile.TemporaryDirectory(prefix="pbpo-chaos-") as name,
+        database(Path(name), postgresql=postgresql) as (url, postgres),
+    ):
+        folder = Path(name)
+        media = folder / "media"
+        media.mkdir()
+        for video in source.glob("*.mp4"):
+            (media / video.name).symlink_to(video)
+        settings = Settings(data_dir=folder / "data", media_dir=media, database_url=url)
+        open_shipped(settings, folder)
+        with (folder / "server.log").open("wb") as output:
+            server = Server(settings.data_dir, media, (), url, output)
+            server.start()
+            rng = np.random.default_rng(options.seed)
+            scene = Scene(server, settings, postgres, rng, Log(), options.times)
+            try:
+                asyncio.run(_break(scene, breaking))
+            finally:
+                server.kill()
+        lost = stored.faults(settings, STUDY, scene.log, scene.log.in_hand)
+    log = scene.log
+    again = log.statuses.get(0, 0)
+    refused = {status: count for status, count in sorted(log.statuses.items()) if status >= 400}
+    cells = [
+        f"{breaking.__name__.replace('_', ' ')}",
+        "PostgreSQL" if postgresql else "SQLite",
+        f"{again}",
+        ", ".join(f"{count} x {status}" for status, count in refused.items()) or "none",
+        f"{scene.answered}",
+        "none" if not lost else "; ".join(lost),
+    ]
+    print(f"| {' | '.join(cells)} |", flush=True)
+    for fault in log.faults[:5]:
+        print(f"  fault: {fault}")
+    return not lost and not log.faults
+
+
+async def _break(scene: Scene, breaking: Break) -> None:
+    habits = Habits(think_s=THINK_S, patient=True)
+    seed = int(scene.rng.integers(2**31))
+    async with crowd(scene.server.url, STUDY, CROWD, habits, scene.log, seed, arrive_s=1):
+        async with asyncio.timeout(60 + 30 * scene.times):
+            await breaking(scene)
+
+
+if __name__ == "__main__":
+    main()

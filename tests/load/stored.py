@@ -1,0 +1,71 @@
+"""What a crowd was told, held against what the database has."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Collection
+
+from sqlalchemy import func, select
+
+from app.services import replay
+from app.services.settings import Settings
+from app.services.studio import Studio, open_studio
+from app.services.tokens import secret_hash
+from app.storage.tables import QueryRow, Response, SessionRow, Trial
+from tests.conftest import Idle
+
+from .crowd import Log
+
+#: A response on its way when its evaluator left may be there or not.
+InHand = Collection[tuple[str, str, str]]
+
+
+def faults(settings: Settings, slug: str, log: Log, in_hand: InHand) -> list[str]:
+    """A sentence for each promise that was not kept; none, if all were."""
+    studio = open_studio(settings, background=Idle(1))
+    try:
+        return [*_responses(studio, log, in_hand), *_open_queries(studio), *_replayed(studio, slug)]
+    finally:
+        studio.close()
+
+
+def _responses(studio: Studio, log: Log, in_hand: InHand) -> list[str]:
+    stored: dict[str, list[tuple[str, str]]] = defaultdict(list)
+    with studio.database.read() as session:
+        for token, query, response in session.execute(
+            select(SessionRow.token_hash, QueryRow.public_id, Response.response)
+            .join(Trial, Trial.session_id == SessionRow.id)
+            .join(QueryRow, QueryRow.trial_id == Trial.id)
+            .join(Response, Response.query_id == QueryRow.id)
+            .order_by(SessionRow.id, Trial.trial_index, QueryRow.query_index)
+        ):
+            stored[token].append((query, response))
+    found = []
+    for token, told in log.acknowledged.items():
+        there = stored[secret_hash(token)]
+        more = [
+            answer for answer in there if answer not in told and (token, *answer) not in in_hand
+        ]
+        lost = [answer for answer in told if answer not in there]
+        if lost:
+            found.append(f"{len(lost)} acknowledged responses are not stored: {lost[:3]}")
+        if more:
+            found.append(f"{len(more)} responses are stored that nobody was told of: {more[:3]}")
+    return found
+
+
+def _open_queries(studio: Studio) -> list[str]:
+    """Each place of a trial was asked once, and no session has two open queries."""
+    with studio.database.read() as session:
+        twice = session.execute(
+            select(QueryRow.trial_id, QueryRow.query_index)
+            .where(QueryRow.set_aside_at.is_(None))
+            .group_by(QueryRow.trial_id, QueryRow.query_index)
+            .having(func.count() > 1)
+        ).all()
+    return [f"{len(twice)} places of trials have two queries"] if twice else []
+
+
+def _replayed(studio: Studio, slug: str) -> list[str]:
+    differences = sum(len(trial.differences) for trial in replay.replay(studio, slug))
+    return [f"{differences} queries are not what their history says"] if differences else []

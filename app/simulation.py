@@ -18,8 +18,8 @@ from app.lab.walk import walk
 from app.main import create_app
 from app.services import studies
 from app.services.accounts import Experimenter, Role
-from app.services.background import Background
 from app.services.errors import ConflictError
+from app.services.in_process import InProcess
 from app.services.query_state import video_url
 from app.services.settings import Settings
 from app.services.studio import Studio, open_studio, utc_now
@@ -60,7 +60,7 @@ class SkippedClock:
         self._ahead = -self._longest
 
 
-class NothingAhead(Background):
+class NothingAhead(InProcess):
     """No work ahead and no videos: a simulated evaluator does not watch, and need not wait."""
 
     def in_thread(self, key: Hashable, function: Callable[..., T], *args: Any) -> Future[T]:

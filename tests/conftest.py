@@ -21,6 +21,7 @@ from sqlalchemy import func, select
 
 from app.services import accounts, studies
 from app.services.background import Background
+from app.services.in_process import InProcess
 from app.services.settings import Settings
 from app.services.studio import Studio, open_studio
 from app.storage.accounts import Account
@@ -78,7 +79,7 @@ def media_dir(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-class NoRendering(Background):
+class NoRendering(InProcess):
     """Background work that renders nothing: videos asked for never come."""
 
     def in_process(

@@ -13,6 +13,7 @@ from app.storage.schema import migrate
 
 from . import transcode_job
 from .background import Background
+from .in_process import InProcess
 from .ledger import Ledger
 from .measurements import Measurements
 from .proposals import Proposer
@@ -64,7 +65,7 @@ def open_studio(
     settings.media_dir.mkdir(parents=True, exist_ok=True)
     migrate(settings.url)
     database = Database(settings.url)
-    background = background or Background(settings.render_jobs)
+    background = background or InProcess(settings.render_jobs)
     measurements = Measurements()
     background.tell_queue(measurements.renders)
     recordings = Recordings(database, background, settings)

@@ -15,12 +15,13 @@ from app.services import jobs
 from app.services.accounts import Role
 from app.services.background import Background
 from app.services.errors import ServiceError
+from app.services.in_process import InProcess
 from app.services.settings import Settings
 from app.services.studio import Studio, utc_now
 from app.services.work import Report
 from app.storage.records import Job
 from tests.conftest import Idle
-from tests.unit.study.test_video import write
+from tests.videos import write
 
 from .client import Api
 from .desk import Desk, zipped
@@ -125,7 +126,7 @@ class TestStopped:
 class TestInAProcess:
     @pytest.fixture
     def background(self) -> Background:
-        return Background(1)
+        return InProcess(1)
 
     def test_videos_are_transcoded_in_a_process_and_the_study_is_sound(
         self, desk: Desk, studio: Studio, tmp_path: Path

@@ -13,7 +13,7 @@ from app.crane import library
 from app.crane.environments import candidates
 from app.crane.rendering_jobs import render_these
 from app.services import studies
-from app.services.background import Background
+from app.services.in_process import InProcess
 from app.services.settings import Settings
 from app.services.studio import open_studio
 from app.study.folder import resolve
@@ -43,7 +43,7 @@ def open_shipped(settings: Settings, folder: Path) -> None:
     plan = source / "study.yaml"
     changed = yaml.safe_load(plan.read_text(encoding="utf-8")) | {"break_s": 0}
     plan.write_text(yaml.safe_dump(changed, allow_unicode=True), encoding="utf-8")
-    studio = open_studio(settings, background=Background(1))
+    studio = open_studio(settings, background=InProcess(1))
     studies.create(studio, studies.load_folder(str(source)))
     studies.open_study(studio, STUDY)
     studio.close()

@@ -9,6 +9,7 @@ import pytest
 
 from app.services import proposals
 from app.services.background import Background
+from app.services.in_process import InProcess
 from app.services.proposals import Clip, History, Proposer, Space, TrialInHand, work_out
 from app.services.studio import Studio
 from tests.conftest import SHORT_PLAN, StudyShelf
@@ -119,7 +120,7 @@ def test_what_was_worked_out_long_ago_is_forgotten_and_worked_out_alike(
 class TestWorkingAhead:
     @pytest.fixture
     def background(self) -> Background:
-        return Background(1)
+        return InProcess(1)
 
     def test_each_possible_response_is_worked_out_and_its_videos_begun(
         self, studio: Studio, study_shelf: StudyShelf

@@ -7,6 +7,8 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemaining
 
 from app.services.errors import ConflictError
 from app.study.folder import resolve
+from app.study.transcoding import transcode_folder
+from app.video.facts import UnreadableVideoError
 
 from .asking import Folder, out
 
@@ -16,9 +18,6 @@ app = typer.Typer()
 @app.command("transcode")
 def transcode(folder: Folder) -> None:
     """Make videos that every browser plays of those that some cannot; the old files stay."""
-    from app.study.transcoding import transcode_folder  # noqa: PLC0415
-    from app.study.video import UnreadableVideoError  # noqa: PLC0415
-
     columns = (BarColumn(), MofNCompleteColumn(), "seconds", TimeRemainingColumn())
     with Progress("transcoding", *columns, console=out, transient=True) as progress:
         task = progress.add_task("", total=None)

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from app.study.transcoding import transcode_folder
+
 from .settings import Settings
 from .work import Report
 
@@ -13,9 +15,6 @@ KIND = "transcode"
 
 def transcode_draft(settings: Settings, request: Mapping[str, Any], report: Report) -> str:
     """Transcode what browsers cannot play in the draft of `request`; the old files go."""
-    # Opening a video needs PyAV, whose import every server would pay for otherwise.
-    from app.study.transcoding import transcode_folder  # noqa: PLC0415
-
     folder = settings.uploads_dir / "drafts" / str(request["draft"])
     names = transcode_folder(folder, report, keep=False)
     return f"{len(names)} video{'' if len(names) == 1 else 's'} transcoded."

@@ -15,6 +15,7 @@ from app.study.plan import LANGUAGE_PATTERN, Plan
 from app.study.plan_source import STUDY_FILE, PlanReading, SettingsCheck, read_plan
 from app.study.recordings import RecordingRow, RecordingsReader, candidates_of
 from app.study.texts import placeholders
+from app.video.decoding import Decoder
 
 TEXT_NAMES = ("consent", "instructions", "debrief")
 #: Shown before the consent where a study has it; then it has it in every language.
@@ -164,7 +165,15 @@ def _read_recordings(
     # With a parameter that has no sound name nobody can tell which columns are missing.
     parameters = [name for name in names if isinstance(name, str)]
     parameters = parameters if len(parameters) == len(names) else []
-    reader = RecordingsReader(folder)
+    with Decoder() as decoder:
+        reader = RecordingsReader(folder, decoder)
+        rows = _rows(reader, environments, parameters)
+    return rows, reader.faults, reader.remarks
+
+
+def _rows(
+    reader: RecordingsReader, environments: Mapping[str, object], parameters: Sequence[str]
+) -> list[RecordingRow]:
     rows: list[RecordingRow] = []
     sources: set[str] = set()
     for name, environment in environments.items():
@@ -175,4 +184,4 @@ def _read_recordings(
             continue
         sources.add(source)
         rows.extend(reader.read(name, source, parameters))
-    return rows, reader.faults, reader.remarks
+    return rows

@@ -14,13 +14,12 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from app.study.faults import Fault, UnreadableFileError
 from app.study.files import misplaced, read_text, within
-
-if TYPE_CHECKING:
-    from app.study.video import Video
+from app.study.looking import look
+from app.video.decoding import Decoder
+from app.video.facts import UnreadableVideoError
 
 FILE_COLUMN = "file"
 SCORE_COLUMN = "score"
@@ -31,10 +30,6 @@ NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
 
 #: What a video is expected to be: browsers play it without any help.
 PLAYABLE = "a video that every browser plays, such as H.264 in MP4"
-
-#: What was found in videos, by the hash of their content: a check decodes each to its end, and the
-#: next check of the same folder need not.
-_KNOWN: dict[str, Video] = {}
 
 
 @dataclass(frozen=True)
@@ -76,6 +71,7 @@ class RecordingsReader:
     """Reads the CSV files of one study, and remembers each video so that none comes twice."""
 
     root: Path
+    decoder: Decoder
     faults: list[Fault] = field(default_factory=list)
     remarks: list[Fault] = field(default_factory=list)
     _rows_by_path: dict[Path, str] = field(default_factory=dict)
@@ -182,9 +178,6 @@ class RecordingsReader:
             return None
 
     def _find_video(self, source: str, here: str, cell: str) -> _FoundVideo:
-        # Opening a video needs PyAV, whose import every command would pay for otherwise.
-        from app.study.video import UnreadableVideoError, probe  # noqa: PLC0415
-
         problem = misplaced(cell)
         if problem is not None:
             raise _NoVideoError(problem)
@@ -202,9 +195,7 @@ class RecordingsReader:
             if first != here:
                 came = f"got {cell!r} with the same content as the one in {first}"
                 raise _NoVideoError(f"expected each video once, {came}")
-            video = _KNOWN.get(sha256)
-            if video is None:
-                video = _KNOWN[sha256] = probe(path)
+            video = look(self.decoder, path, sha256)
         except (UnreadableVideoError, OSError) as error:
             raise _NoVideoError(
                 f"expected a video that can be played, got {cell!r}: {error}"

@@ -1,27 +1,17 @@
-"""Looking into a video file: can every browser play it, how long is it, is it whole."""
+"""Looking into a video file: what form it has, how long it is, whether it is whole."""
 
 from __future__ import annotations
 
 import struct
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import av
 from av.container import InputContainer
 from av.video.stream import VideoStream
 
-# FFmpeg otherwise guesses from the content: a playlist, which could make it fetch other files and
-# addresses, or a still picture and even a plain text, would pass for a video.
-VIDEO_FORMATS = "mov,mp4,m4a,3gp,3g2,mj2,matroska,webm,ogg,avi,mpegts,mpeg"
+from .facts import VIDEO_FORMATS, UnreadableVideoError, Video
+from .limits import threads
 
-#: What every current browser plays: container -> codec -> pixel formats.
-_MP4 = {"h264": ("yuv420p", "yuvj420p"), "av1": ("yuv420p",), "vp9": ("yuv420p",)}
-_WEBM = {"vp8": ("yuv420p",), "vp9": ("yuv420p",), "av1": ("yuv420p",)}
-#: FFmpeg reads MP4 and its kin by one reader, WebM and Matroska by another.
-_PLAYED: Mapping[str, Mapping[str, Sequence[str]]] = {"mp4": _MP4, "webm": _WEBM}
-#: More pixels along a side than a page gives to one of two videos.
-LARGE_PX = 1920
 #: A larger picture or a longer video is a slip, or meant to use the memory and the time up.
 MOST_PIXELS = 50_000_000
 LONGEST_S = 3600.0
@@ -32,50 +22,11 @@ _CUT_FROM_S = 0.5
 _HEAD_BYTES = 4096
 
 
-class UnreadableVideoError(Exception):
-    """The file is no video that can be decoded; the message says what came of trying."""
-
-
-@dataclass(frozen=True)
-class Video:
-    """What looking into a video gave."""
-
-    duration_s: float
-    codec: str = ""
-    pixel_format: str = ""
-    container: str = ""
-    width: int = 0
-    height: int = 0
-    has_audio: bool = False
-    starts_fast: bool = True
-
-    @property
-    def hindrance(self) -> str | None:
-        """What keeps some browser from playing it; None where every one plays it."""
-        codecs = _PLAYED.get(self.container)
-        if codecs is None:
-            return f"a file of the form {self.container}"
-        if self.codec not in codecs:
-            return f"{self.codec} in {self.container}"
-        if self.pixel_format not in codecs[self.codec]:
-            return f"{self.codec} with the pixel format {self.pixel_format}"
-        return None
-
-    @property
-    def remarks(self) -> tuple[str, ...]:
-        """What does no harm, and is worth knowing."""
-        found = []
-        if not self.starts_fast:
-            found.append("its index lies at its end: it starts late on a slow line")
-        if self.has_audio:
-            found.append("it has sound, which is not played")
-        if max(self.width, self.height) > LARGE_PX:
-            found.append(f"it is {self.width} x {self.height} pixels: larger than a page shows it")
-        return tuple(found)
-
-
 def probe(path: Path) -> Video:
-    """Opens the video, decodes all of it, and finds its length. Raises UnreadableVideoError."""
+    """Opens the video, decodes all of it, and finds its length. Raises UnreadableVideoError.
+
+    Raises MemoryError where the process may take no more of it.
+    """
     try:
         # An open file rather than a name: FFmpeg then has no folder to look for other files in.
         with (
@@ -103,6 +54,9 @@ def probe(path: Path) -> Video:
         # FFmpeg's "invalid argument" is its refusal of a form that is not in the list above.
         reason = "it is no MP4, WebM, Ogg, AVI or MPEG video, or a damaged one"
         raise UnreadableVideoError(reason) from error
+    except MemoryError:
+        # It says something of the process, and not of the video.
+        raise
     except (av.FFmpegError, OSError, ValueError) as error:
         raise UnreadableVideoError(str(error)) from error
     if duration_s <= 0:
@@ -125,6 +79,7 @@ def _require_limits(stream: VideoStream, stated_s: float | None) -> None:
 def _decoded(container: InputContainer, stream: VideoStream) -> tuple[av.VideoFrame, float]:
     """The first frame, and where the last one ends, in seconds from the first."""
     stream.thread_type = "AUTO"
+    stream.codec_context.thread_count = threads()
     first = last = None
     try:
         for frame in container.decode(stream):

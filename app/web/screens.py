@@ -43,7 +43,7 @@ def snapshots(
 ) -> Iterator[tuple[str, str]]:
     """Name and HTML of every page in this language, numbered in the order of a session."""
     clips = still_clips(studio, study)
-    stills = [_still(studio, clip) for clip in clips] or [None]
+    stills = pictures.stills([studio.recordings.ready_path(clip) for clip in clips]) or [None]
     pages = _pages(_as_evaluator(request, study.slug), studio, study, language)
     for number, (name, page) in enumerate(pages, start=1):
         yield f"{number:02}-{name}", _standalone(page, stills)
@@ -123,8 +123,3 @@ def _standalone(page: Response, stills: list[str | None]) -> str:
 @lru_cache(maxsize=1)
 def _styles() -> str:
     return (STATIC / "css" / "app.css").read_text(encoding="utf-8")
-
-
-def _still(studio: Studio, clip: Any) -> str | None:
-    path = studio.recordings.ready_path(clip)
-    return None if path is None else pictures.still(path)

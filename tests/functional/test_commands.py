@@ -21,7 +21,7 @@ from app.services.studio import open_studio
 from app.storage.database import Database
 from app.storage.tables import QueryRow
 from tests.conftest import Idle, StudyShelf, write_study
-from tests.unit.study.test_video import write as write_video
+from tests.videos import write as write_video
 
 from .client import Api
 from .conftest import EMAIL, LEARNING_PLAN, PASSWORD

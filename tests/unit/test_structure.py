@@ -13,12 +13,13 @@ import app
 ROOT = Path(app.__file__).parent
 
 #: What each room may import. A room may always import itself.
-GROUND: frozenset[str] = frozenset({"pbbo", "crane", "study", "statistics"})
+GROUND: frozenset[str] = frozenset({"pbbo", "crane", "study", "statistics", "video"})
 ALLOWED: dict[str, frozenset[str]] = {
     "pbbo": frozenset(),
     "crane": frozenset(),
-    "study": frozenset(),
+    "study": frozenset({"video"}),
     "statistics": frozenset(),
+    "video": frozenset(),
     "figures": frozenset(),
     "lab": GROUND | {"figures"},
     "storage": frozenset({"study"}),

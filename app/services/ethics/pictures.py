@@ -5,16 +5,21 @@ from __future__ import annotations
 import base64
 import hashlib
 import io
+import logging
 import os
 import shutil
 import subprocess
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 
-import av
 from PIL import Image, ImageChops
 
 from app.services.studio import Studio
+from app.video.decoding import Decoder
+from app.video.facts import UnreadableVideoError
+
+log = logging.getLogger(__name__)
 
 _BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
 _FLAGS = (
@@ -39,16 +44,22 @@ def browser(studio: Studio) -> str | None:
     )
 
 
-def still(video: Path) -> str:
-    """A frame from the middle of a video, as the address of a picture that needs no file."""
-    with av.open(video) as container:
-        stream = container.streams.video[0]
-        frames = list(container.decode(stream))
-    sink = io.BytesIO()
-    picture = Image.fromarray(frames[len(frames) // 2].to_ndarray(format="rgb24"))
-    picture.thumbnail((640, 640))
-    picture.save(sink, "JPEG", quality=80)
-    return f"data:image/jpeg;base64,{base64.b64encode(sink.getvalue()).decode('ascii')}"
+def stills(videos: Sequence[Path | None]) -> list[str | None]:
+    """A frame from the middle of each, as the address of a picture that needs no file.
+
+    None where there is no video, or where it cannot be read.
+    """
+    with Decoder() as decoder:
+        return [None if video is None else _still(decoder, video) for video in videos]
+
+
+def _still(decoder: Decoder, video: Path) -> str | None:
+    try:
+        picture = decoder.still(video)
+    except UnreadableVideoError:
+        log.exception("no still of the video %s", video.name)
+        return None
+    return f"data:image/jpeg;base64,{base64.b64encode(picture).decode('ascii')}"
 
 
 def picture_of(studio: Studio, html: str, *, is_long: bool = True) -> bytes | None:

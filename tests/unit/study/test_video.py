@@ -4,48 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import cast
 
-import av
-import numpy as np
 import pytest
 
 from app.study.faults import StudyFaults
 from app.study.folder import load
-from app.study.transcoding import transcode, transcode_folder
-from app.study.video import UnreadableVideoError, probe
-
-FRAMES = 30
-
-
-def write(
-    path: Path,
-    codec: str = "libx264",
-    pixel_format: str = "yuv420p",
-    size: tuple[int, int] = (64, 48),
-    *,
-    sound: bool = False,
-    options: dict[str, str] | None = None,
-) -> Path:
-    """A video of 3 s: a square that wanders over noise, which packs badly."""
-    rng = np.random.default_rng(0)
-    with av.open(path, "w", options=options or {}) as container:
-        stream = cast("av.VideoStream", container.add_stream(codec, rate=10))
-        stream.width, stream.height, stream.pix_fmt = *size, pixel_format
-        stream.codec_context.thread_count = 1
-        voice = container.add_stream("aac", rate=8000) if sound else None
-        for index in range(FRAMES):
-            picture = rng.integers(0, 255, (size[1], size[0], 3), dtype=np.uint8)
-            picture[:8, index : index + 8] = 255
-            container.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
-        container.mux(stream.encode())
-        if voice is not None:
-            silence = av.AudioFrame.from_ndarray(np.zeros((1, 1024), np.float32), "fltp", "mono")
-            silence.sample_rate = 8000
-            container.mux(voice.encode(silence))
-            container.mux(voice.encode())
-    return path
-
+from app.study.transcoding import transcode_folder
+from app.video.encoding import transcode
+from app.video.facts import UnreadableVideoError
+from app.video.probing import probe
+from tests.videos import FRAMES, write
 
 PLAYED = [
     ("a.mp4", "libx264", "yuv420p"),
@@ -118,7 +86,7 @@ def test_a_video_cut_off_at_its_end_is_named(tmp_path: Path) -> None:
 def test_a_picture_beyond_all_measure_is_refused_before_it_is_decoded(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("app.study.video.MOST_PIXELS", 1000)
+    monkeypatch.setattr("app.video.probing.MOST_PIXELS", 1000)
     with pytest.raises(UnreadableVideoError, match="million pixels"):
         probe(write(tmp_path / "a.mp4"))
 

@@ -7,15 +7,22 @@ import stat
 import struct
 import zipfile
 from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
 from app.services import uploads
 from app.services.accounts import Role
 from app.services.studio import Studio
+from app.study.faults import StudyFaults
+from app.study.folder import load
+from app.video import limits
+from tests.videos import write
 
 from .client import Api
-from .desk import Desk
+from .desk import Desk, zipped
+from .own_study import write_own_study
 
 
 @pytest.fixture
@@ -114,6 +121,29 @@ def test_what_systems_add_to_a_zip_is_left_out(desk: Desk) -> None:
     assert "notes.txt" in page
     assert "MACOSX" not in page
     assert "DS_Store" not in page
+
+
+def test_a_video_that_the_decoder_does_not_bear_costs_a_sentence_and_the_server_goes_on(
+    desk: Desk, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = write_own_study(tmp_path / "kettles")
+    video = folder / "videos" / "c.mp4"
+    write(folder / "c.mov", "mjpeg", "yuvj420p", (7000, 7000), frames=1).replace(video)
+    monkeypatch.setattr(limits, "PROBING", replace(limits.PROBING, memory_bytes=200_000_000))
+    here = desk.begin({"kettles.zip": zipped(folder)})
+    page = desk.get(here).text
+    assert "1 fault to put right" in page
+    said = "decoding it takes more than 200 MB of memory"
+    assert said in page
+    assert desk.get("/studies").status_code == 200
+    # The command says the same of the folder.
+    with pytest.raises(StudyFaults, match=said):
+        load(folder)
+    # It is not tried again each time that somebody looks, but once it was sent again.
+    monkeypatch.undo()
+    assert said in desk.get(here).text
+    assert desk.send(f"{here}/files", {"c.mp4": video.read_bytes()}).status_code == 303
+    assert "mjpeg in mp4" in desk.get(here).text
 
 
 class TestLimits:

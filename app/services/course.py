@@ -18,7 +18,8 @@ from app.study.stages import PRACTICE
 
 from .attention import attention
 from .errors import NothingToShowError
-from .proposals import Clip, History, NextQuery, Space, Step, TrialInHand
+from .proposals import Clip, NextQuery, Space, Step, TrialInHand
+from .thoughts import History
 
 #: Tell draws apart from every other use of a trial's seed.
 _REPLACEMENT_DRAW = 104

@@ -17,16 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from sqlalchemy import select
 
-from app.pbbo import (
-    ENGINE_VERSION,
-    FitError,
-    Preference,
-    PreferenceOptimizer,
-    Query,
-    allows_skip,
-    has_posterior,
-)
-from app.pbbo import Settings as OptimizerSettings
+from app.pbbo import ENGINE_VERSION, Preference, Query, allows_skip
 from app.storage.database import Database
 from app.storage.tables import Candidate, Recording
 from app.study.checks import Checks
@@ -34,10 +25,7 @@ from app.study.checks import Checks
 from .background import Background
 from .beliefs import Beliefs
 from .measurements import Measurements
-
-#: One answered query: left candidate, right candidate, "left" | "right" | "skip".
-Answer = tuple[int, int, str]
-History = tuple[Answer, ...]
+from .thoughts import AcquiredCandidate, Elsewhere, History, Question, Thought, think
 
 #: Steps kept in memory: three for each of a thousand evaluators.
 AHEAD_STEPS = 3_000
@@ -112,15 +100,6 @@ class NextQuery:
 
 
 @dataclass(frozen=True)
-class AcquiredCandidate:
-    """w_acq after a response; a knockout has no posterior."""
-
-    candidate: int
-    mean: float | None
-    std: float | None
-
-
-@dataclass(frozen=True)
 class Step:
     """What follows a history: the next query (None after the last), and what was learnt."""
 
@@ -146,6 +125,9 @@ class Proposer:
         self._lock = threading.Lock()
         self._spaces: dict[tuple[int, str], Space] = {}
         self._steps: OrderedDict[tuple[int, History], Step] = OrderedDict()
+        #: Each trial's number of answers, where it was last seen.
+        self._open: OrderedDict[int, int] = OrderedDict()
+        self._elsewhere = Elsewhere()
         #: What models believe, for those who look at a session.
         self.beliefs = Beliefs()
         # Trials whose person had them deleted: work that is under way must not bring them back.
@@ -161,25 +143,15 @@ class Proposer:
 
     def step(self, trial: TrialInHand, history: History) -> Step:
         """What follows `history`: from what was worked out ahead, or worked out now."""
-        key = (trial.seed, history)
-        with self._lock:
-            step = self._steps.get(key)
-        if step is None:
-            space = self.space(trial.study_id, trial.environment)
-            with self._measurements.fitting():
-                step = work_out(space, trial, history)
-            with self._lock:
-                if trial.seed not in self._forgotten:
-                    self._steps[key] = step
-                while len(self._steps) > AHEAD_STEPS:
-                    self._steps.popitem(last=False)
-        return step
+        return self._step(trial, history, think)
 
     def forget(self, seeds: frozenset[int]) -> None:
         """Forget the trials of these seeds: their histories were deleted."""
         self.beliefs.forget(seeds)
         with self._lock:
             self._forgotten |= seeds
+            for seed in seeds:
+                self._open.pop(seed, None)
             for key in [key for key in self._steps if key[0] in seeds]:
                 del self._steps[key]
 
@@ -190,6 +162,11 @@ class Proposer:
 
     def work_ahead(self, trial: TrialInHand, history: History, pair: tuple[int, int]) -> None:
         """Begin to work out what follows each possible response to the open query `pair`."""
+        with self._lock:
+            self._open[trial.seed] = len(history)
+            self._open.move_to_end(trial.seed)
+            while len(self._open) > AHEAD_STEPS:
+                self._open.popitem(last=False)
         self._background.in_thread(
             ("ahead", trial.seed, len(history), pair), self._work_ahead, trial, history, pair
         )
@@ -202,6 +179,9 @@ class Proposer:
         with self._lock:
             steps = [self._steps.get((trial.seed, after)) for after in futures]
         return [step.next for step in steps if step is not None and step.next is not None]
+
+    def close(self) -> None:
+        self._elsewhere.close()
 
     def render(self, clips: Sequence[Clip]) -> None:
         """Begin to make the videos that are not there yet."""
@@ -222,29 +202,59 @@ class Proposer:
 
     def _work_ahead(self, trial: TrialInHand, history: History, pair: tuple[int, int]) -> None:
         for after in self._futures(trial, history, pair):
-            step = self.step(trial, after)
+            with self._lock:
+                if self._open.get(trial.seed) != len(history):
+                    # It was answered meanwhile: on a busy machine that time is somebody else's.
+                    return
+            step = self._step(trial, after, self._elsewhere.think)
             if step.next is not None:
                 self.render([step.next.left, step.next.right])
+
+    def _step(
+        self, trial: TrialInHand, history: History, thinks: Callable[[Question], Thought]
+    ) -> Step:
+        key = (trial.seed, history)
+        with self._lock:
+            step = self._steps.get(key)
+        if step is None:
+            space = self.space(trial.study_id, trial.environment)
+            with self._measurements.fitting():
+                step = _step(space, trial, thinks(_question(space, trial, history)))
+            with self._lock:
+                if trial.seed not in self._forgotten:
+                    self._steps[key] = step
+                while len(self._steps) > AHEAD_STEPS:
+                    self._steps.popitem(last=False)
+        return step
 
 
 def work_out(space: Space, trial: TrialInHand, history: History) -> Step:
     """The step after `history`, from nothing but its arguments."""
-    optimizer = PreferenceOptimizer.replay(
-        space.candidates,
-        history,
+    return _step(space, trial, think(_question(space, trial, history)))
+
+
+def _question(space: Space, trial: TrialInHand, history: History) -> Question:
+    return Question(
+        candidates=space.candidates,
         method=trial.method,
+        settings=trial.settings,
         seed=trial.seed,
-        settings=OptimizerSettings.from_mapping(trial.settings),
+        history=history,
+        ends=len(history) >= trial.most_learned,
     )
+
+
+def _step(space: Space, trial: TrialInHand, thought: Thought) -> Step:
+    """A thought, with the recordings that show its query."""
+    query = thought.query
     return Step(
-        next=_next_query(space, trial, optimizer) if len(history) < trial.most_learned else None,
-        preferences=optimizer.preferences,
-        acquired=_acquired(optimizer, trial.method) if history else None,
+        next=None if query is None else _next_query(space, trial, query, thought.likelier),
+        preferences=thought.preferences,
+        acquired=thought.acquired,
     )
 
 
-def _next_query(space: Space, trial: TrialInHand, optimizer: PreferenceOptimizer) -> NextQuery:
-    query = optimizer.ask()
+def _next_query(space: Space, trial: TrialInHand, query: Query, likelier: str) -> NextQuery:
     rng = np.random.default_rng([trial.seed, _RECORDING_DRAW, query.index])
     left, right = (
         clips[int(rng.integers(len(clips)))]
@@ -260,37 +270,8 @@ def _next_query(space: Space, trial: TrialInHand, optimizer: PreferenceOptimizer
         acquisition=query.acquisition,
         seed=query.seed,
         engine_version=ENGINE_VERSION,
-        likelier=_likelier(optimizer, trial.method, query),
+        likelier=likelier,
     )
-
-
-def _likelier(optimizer: PreferenceOptimizer, method: str, query: Query) -> str:
-    posterior = _posterior(optimizer, method) if query.trial_type == "model" else None
-    if posterior is None:
-        return "left"
-    mean, _ = posterior
-    return "left" if mean[query.left] >= mean[query.right] else "right"
-
-
-def _acquired(optimizer: PreferenceOptimizer, method: str) -> AcquiredCandidate:
-    best = optimizer.best()
-    posterior = _posterior(optimizer, method)
-    if posterior is None:
-        return AcquiredCandidate(best, None, None)
-    mean, std = posterior
-    return AcquiredCandidate(best, float(mean[best]), float(std[best]))
-
-
-def _posterior(
-    optimizer: PreferenceOptimizer, method: str
-) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
-    """Mean and deviation over the candidates; None where there is no model, or none can be fit."""
-    if not has_posterior(method):
-        return None
-    try:
-        return optimizer.posterior()
-    except FitError:
-        return None
 
 
 def _read_space(database: Database, study_id: int, environment: str) -> Space:

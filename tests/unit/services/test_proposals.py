@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import threading
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from app.services import proposals
+from app.services import proposals, thoughts
 from app.services.background import Background
 from app.services.in_process import InProcess
-from app.services.proposals import Clip, History, Proposer, Space, TrialInHand, work_out
+from app.services.proposals import Clip, Proposer, Space, TrialInHand, work_out
 from app.services.studio import Studio
+from app.services.thoughts import History
 from tests.conftest import SHORT_PLAN, StudyShelf
 
 SETTINGS = {"preset": "paper-env1", "random_queries": 2}
@@ -84,13 +86,13 @@ class Counted:
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.times = 0
-        real = proposals.work_out
+        real = thoughts.think
 
         def counting(*args: object) -> object:
             self.times += 1
             return real(*args)  # type: ignore[arg-type]
 
-        monkeypatch.setattr(proposals, "work_out", counting)
+        monkeypatch.setattr(proposals, "think", counting)
 
 
 @pytest.fixture
@@ -145,3 +147,26 @@ class TestWorkingAhead:
         proposer.work_ahead(no_skip, (), pair)
         studio.background.in_thread("after that", lambda: None).result(30)
         assert len(proposer.upcoming(no_skip, (), pair)) == 2
+
+    def test_what_was_answered_meanwhile_is_worked_out_no_further(
+        self, studio: Studio, study_shelf: StudyShelf
+    ) -> None:
+        study_shelf.put_into(studio, SHORT_PLAN)
+        proposer = studio.proposer
+        first = proposer.step(TRIAL, ()).next
+        assert first is not None
+        pair = (first.left_candidate, first.right_candidate)
+        answered = ((*pair, "left"),)
+        busy = threading.Event()
+        studio.background.in_thread("busy", busy.wait, 30)
+
+        proposer.work_ahead(TRIAL, (), pair)
+        second = proposer.step(TRIAL, answered).next
+        assert second is not None
+        pair_then = (second.left_candidate, second.right_candidate)
+        proposer.work_ahead(TRIAL, answered, pair_then)
+        busy.set()
+        studio.background.in_thread("after that", lambda: None).result(30)
+
+        assert proposer.known(TRIAL, ((*pair, "right"),)) is None
+        assert len(proposer.upcoming(TRIAL, answered, pair_then)) == 3

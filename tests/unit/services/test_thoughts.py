@@ -1,0 +1,39 @@
+"""Thinking in another process: the same thoughts, and nothing that a dead process could hold up."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import psutil
+import pytest
+
+from app.services.thoughts import Elsewhere, Question, think
+
+QUESTION = Question(
+    candidates=np.linspace(0, 1, 9)[:, None],
+    method="pbpo",
+    settings={"preset": "paper-env1", "random_queries": 2},
+    seed=5,
+    history=((0, 4, "left"), (2, 8, "skip"), (1, 4, "right")),
+    ends=False,
+)
+
+
+@pytest.fixture
+def elsewhere() -> Iterator[Elsewhere]:
+    opened = Elsewhere()
+    yield opened
+    opened.close()
+
+
+def test_the_same_is_thought_here_and_elsewhere_also_after_a_killed_process(
+    elsewhere: Elsewhere,
+) -> None:
+    here = think(QUESTION)
+    before = set(psutil.Process().children())
+    assert elsewhere.think(QUESTION) == here
+    for process in set(psutil.Process().children()) - before:
+        process.kill()
+        process.wait(10)
+    assert elsewhere.think(QUESTION) == here

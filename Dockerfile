@@ -8,7 +8,7 @@ RUN python -m venv /opt/venv
 COPY pyproject.toml constraints.txt README.md LICENSE ./
 COPY app ./app
 # Editable: templates, static files and migrations lie beside the package, here and in the next stage.
-RUN /opt/venv/bin/python -m pip install --constraint constraints.txt --editable '.[postgresql]'
+RUN /opt/venv/bin/python -m pip install --constraint constraints.txt --editable '.[postgresql,s3]'
 
 FROM python:3.11-slim-bookworm
 # pg_dump and pg_restore, for `pbpo backup`: of the version of the postgres service or newer.

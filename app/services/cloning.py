@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import csv
-import os
-import shutil
 from collections.abc import Iterator
 from pathlib import Path, PurePosixPath
 
@@ -19,14 +17,13 @@ from app.study.recordings import FILE_COLUMN, SCORE_COLUMN
 
 from . import studies
 from .errors import ConflictError
-from .recordings import FILE, FoundSource
 from .studio import Studio
 
 
 def write_folder(studio: Studio, slug: str, folder: Path, new_slug: str) -> None:
     """Write the study's plan under another slug, its texts, tables and videos into a new folder.
 
-    Raises ConflictError if a video is missing from the data folder.
+    Raises ConflictError if a video is missing.
     """
     study = studies.find(studio, slug)
     plan = study.plan.model_copy(update={"slug": new_slug})
@@ -52,12 +49,10 @@ def _write_table(studio: Studio, study_id: int, plan: Plan, environment: str, fo
         writer.writerow([*names, FILE_COLUMN, SCORE_COLUMN])
         for candidate, recording in _recordings(studio, study_id, environment):
             assert recording.file is not None  # a file has a name
-            kept = studio.recordings.ready_path(FoundSource(FILE, recording.locator))
-            if kept is None:
+            if not studio.recordings.bring(recording, folder / recording.file):
                 raise ConflictError(
-                    f"expected the video {recording.file!r} in the data folder, it is missing"
+                    f"expected the video {recording.file!r} among the studio's, it is missing"
                 )
-            _bring(kept, folder / recording.file)
             score = "" if recording.score is None else repr(recording.score)
             cell = PurePosixPath(recording.file).relative_to(source.parent)
             point = [repr(candidate.parameters[name]) for name in names]
@@ -78,15 +73,3 @@ def _recordings(
                 .order_by(Candidate.candidate_index, Recording.run_index)
             )
         )
-
-
-def _bring(kept: Path, target: Path) -> None:
-    """The video under its own name; without a copy of its content where the disk can do that.
-
-    Nothing ever writes into a video that is there: a new one takes its place.
-    """
-    target.parent.mkdir(parents=True, exist_ok=True)
-    try:
-        os.link(kept, target)
-    except OSError:
-        shutil.copyfile(kept, target)

@@ -16,6 +16,10 @@ class NotFoundError(ServiceError):
     """There is no such study, session, query or recording, or it is not the caller's."""
 
 
+class StoreAwayError(ServiceError):
+    """The store of recordings gives no answer, or refuses: the same again may succeed later."""
+
+
 class SignInRequiredError(ServiceError):
     """No token came, or one that nobody was given."""
 

@@ -68,8 +68,10 @@ def delete(studio: Studio, slug: str, actor: str = audit.COMMAND_LINE, *, typed:
     """Delete a study with its people, their identities and its videos; the audit trail remains.
 
     A draft goes at once. A closed study goes if `typed` is its slug: its data is gone for good.
-    Raises ConflictError for an open study, or where something else was typed.
+    Raises ConflictError for an open study, or where something else was typed, and StoreAwayError,
+    before anything is deleted, while its videos cannot be.
     """
+    studio.recordings.require_reachable()
     with studio.database.write() as session:
         study = studies.to_change(session, slug)
         if study.status == studies.OPEN:

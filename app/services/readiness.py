@@ -17,7 +17,7 @@ from .studio import Studio
 
 def faults(studio: Studio) -> list[str]:
     """What keeps the studio from working: a plain sentence each, with no address and no secret."""
-    found = [_database_fault(studio)]
+    found = [_database_fault(studio), studio.recordings.fault()]
     found += [
         _folder_fault(name, folder)
         for name, folder in (

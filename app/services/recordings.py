@@ -1,18 +1,20 @@
 """Where a recording's video comes from: a study's own file, or the crane, rendered when needed.
 
-This is the one place that knows; the rest asks for a recording and gets a file.
+This is the one place that knows; the rest asks for a recording and gets a file, or a link to it.
+Where files are kept, in folders or in a store of the network, is `stores`' to know.
 """
 
 from __future__ import annotations
 
-import os
-import shutil
-from collections.abc import Iterable
-from concurrent.futures import Future
+import logging
+import tempfile
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
-from pathlib import Path
-from typing import Protocol
+from pathlib import Path, PurePosixPath
+from typing import Any, Protocol
 
 from sqlalchemy import select
 
@@ -21,14 +23,24 @@ from app.storage.database import Database
 from app.storage.tables import Recording
 
 from .background import Background
-from .errors import NotFoundError
+from .errors import NotFoundError, StoreAwayError
 from .settings import Settings
+from .stores.opening import open_stores
+from .stores.store import Link, Store
+
+log = logging.getLogger(__name__)
 
 FILE = "file"
 CRANE = "crane"
 
 #: How many recordings' sources are remembered: a video is asked for in several ranges.
 _KNOWN_SOURCES = 20_000
+
+#: Videos that are put into a store at the same time.
+_AT_ONCE = 8
+
+#: A process that makes many videos opens its store once.
+_stores = lru_cache(maxsize=4)(open_stores)
 
 
 class Source(Protocol):
@@ -48,74 +60,143 @@ class FoundSource:
 
 
 class Recordings:
-    """Hands out the files of recordings."""
+    """Hands out the files of recordings. Whatever asks a store may raise StoreAwayError."""
 
     def __init__(self, database: Database, background: Background, settings: Settings) -> None:
         self._database = database
         self._background = background
         self._settings = settings
-        self._uploads_dir = settings.uploads_dir
-        self._media_dir = settings.media_dir
+        self._stores = open_stores(settings)
         self._find = lru_cache(_KNOWN_SOURCES)(self._find_uncached)
+
+    @property
+    def origin(self) -> str | None:
+        """The site that browsers get videos from; None where that is ours."""
+        return self._stores.own.origin
 
     def find(self, public_id: str) -> Source:
         """The source of the recording that a browser knows as `public_id`, or NotFoundError."""
         return self._find(public_id)
 
-    def ready_path(self, source: Source) -> Path | None:
-        """The recording's file if it is there already, else None."""
-        path = (
-            self._uploads_dir / source.locator
-            if source.source == FILE
-            else self._media_dir / _video_name(source.locator)
-        )
-        return path if path.is_file() else None
-
     def can_be_had(self, source: Source) -> bool:
-        """Whether there is a file, or one can be made."""
-        return source.source == CRANE or self.ready_path(source) is not None
+        """Whether there is a file, or one can be made, as far as is known. Asks no network."""
+        store, name = self._kept(source)
+        return source.source == CRANE or store.at_hand(name) is not False
 
-    def ensure(self, source: Source, *, urgent: bool = True) -> Future[Path]:
-        """A future of the recording's file; a missing one is rendered in a process of its own.
+    def sizes(self, sources: Iterable[Source]) -> Mapping[str, int]:
+        """Bytes of the files that are there, by locator; nothing while a store is away."""
+        locators: dict[str, dict[str, str]] = {FILE: {}, CRANE: {}}
+        for source in sources:
+            locators[source.source][self._kept(source)[1]] = source.locator
+        found: dict[str, int] = {}
+        for kind, by_name in locators.items():
+            try:
+                held = self._store_of(kind).sizes(by_name)
+            except StoreAwayError:
+                continue
+            found |= {by_name[name]: size for name, size in held.items()}
+        return found
 
-        Raises NotFoundError, at once, if a study's own file has gone.
+    def ensure(self, source: Source, *, urgent: bool = True) -> Future[Any]:
+        """Done once the recording's file is there; a missing one is rendered in another process.
+
+        It may ask a network: call it on no event loop, and in no transaction. Raises
+        NotFoundError, at once, if a study's own file has gone.
         """
-        path = self.ready_path(source)
-        if path is not None:
-            ready: Future[Path] = Future()
-            ready.set_result(path)
+        store, name = self._kept(source)
+        if store.at_hand(name) or store.sizes([name]):
+            ready: Future[Any] = Future()
+            ready.set_result(None)
             return ready
         if source.source == FILE:
-            raise NotFoundError("the file of this recording is missing from the data folder")
-        return self._background.in_process(
-            ("render", source.locator),
-            make_video,
-            self._settings,
-            source.locator,
-            urgent=urgent,
-        )
+            raise NotFoundError("the file of this recording is missing")
+        return self._make(source, urgent=urgent)
+
+    def hand_out(self, source: Source, *, head: bool = False) -> Path | Link:
+        """Where a browser gets the file that `ensure` saw to, by a GET or, if `head`, by a HEAD."""
+        store, name = self._kept(source)
+        return store.hand_out(name, head=head)
 
     def make_soon(self, source: Source) -> None:
         """Begin to make a video that will be asked for; a fault shows when it is."""
-        if source.source == CRANE and self.ready_path(source) is None:
-            self.ensure(source, urgent=False)
+        if source.source != CRANE:
+            return
+        store, name = self._kept(source)
+        match store.at_hand(name):
+            case None:
+                # A store has to be asked, and whoever calls may be in the middle of a transaction.
+                self._background.in_thread(("there", name), self._make_missing, source)
+            case False:
+                self._make(source, urgent=False)
 
-    def keep_file(self, video: Path, sha256: str) -> str:
-        """Copy a study's own video into the data folder under its content's name: its locator."""
-        locator = f"{sha256}{video.suffix.lower()}"
-        target = self._uploads_dir / locator
-        if not target.exists():
-            target.parent.mkdir(parents=True, exist_ok=True)
-            part = target.with_name(f"{target.name}.{os.getpid()}.part")
-            shutil.copyfile(video, part)
-            part.replace(target)
-        return locator
+    @contextmanager
+    def files(self, sources: Sequence[Source]) -> Iterator[list[Path]]:
+        """Copies of those files that are there, in their order, until the block ends."""
+        with tempfile.TemporaryDirectory(prefix="pbpo-videos-") as folder:
+            targets = [Path(folder) / str(number) for number in range(len(sources))]
+            yield [
+                target
+                for source, target in zip(sources, targets, strict=True)
+                if self.bring(source, target)
+            ]
+
+    def bring(self, source: Source, target: Path) -> bool:
+        """Make `target` the recording's file; False if there is none."""
+        store, name = self._kept(source)
+        return store.bring(name, target)
+
+    def keep_files(self, videos: Mapping[str, Path]) -> None:
+        """Keep studies' own videos, each under the locator that `file_locator` gives."""
+        with ThreadPoolExecutor(_AT_ONCE) as threads:
+            # Whatever goes wrong with one of them is raised here.
+            list(threads.map(self._stores.own.put, videos.keys(), videos.values()))
 
     def throw_away(self, locators: Iterable[str]) -> None:
         """Delete videos of studies' own that no study has any more."""
-        for locator in locators:
-            (self._uploads_dir / locator).unlink(missing_ok=True)
         self._find.cache_clear()
+        left = []
+        for locator in locators:
+            try:
+                self._stores.own.throw_away([locator])
+            except StoreAwayError:
+                left.append(locator)
+        if left:
+            log.error("videos that no study has any more are still kept: %s", ", ".join(left))
+            raise StoreAwayError(
+                f"the study is deleted, but {len(left)} of its videos could not be: the server's"
+                " log has their names"
+            )
+
+    def fault(self) -> str | None:
+        """What keeps recordings from being handed out, in a sentence; None if nothing does."""
+        return self._stores.own.fault()
+
+    def require_reachable(self) -> None:
+        """Raises StoreAwayError if recordings could not be deleted now."""
+        if fault := self.fault():
+            raise StoreAwayError(fault)
+
+    def close(self) -> None:
+        self._stores.own.close()
+        self._stores.rendered.close()
+
+    def _kept(self, source: Source) -> tuple[Store, str]:
+        name = source.locator if source.source == FILE else _video_name(source.locator)
+        return self._store_of(source.source), name
+
+    def _store_of(self, kind: str) -> Store:
+        return self._stores.own if kind == FILE else self._stores.rendered
+
+    def _make_missing(self, source: Source) -> None:
+        try:
+            self.ensure(source, urgent=False)
+        except StoreAwayError:
+            log.warning("a video was not made ahead: the store of recordings is away")
+
+    def _make(self, source: Source, *, urgent: bool) -> Future[Any]:
+        return self._background.in_process(
+            ("render", source.locator), make_video, self._settings, source.locator, urgent=urgent
+        )
 
     def _find_uncached(self, public_id: str) -> Source:
         with self._database.read() as session:
@@ -128,8 +209,18 @@ class Recordings:
 
 
 def make_video(settings: Settings, locator: str) -> Path:
-    """Make the video of a crane's recording where it is missing, in any process: its file."""
-    return library.ensure_video(*_crane_run(locator), settings.media_dir)
+    """Make the video of a crane's recording where it is missing, in any process: its file.
+
+    It is made in the media folder, and put from there into the store, where that is another place.
+    """
+    video = library.ensure_video(*_crane_run(locator), settings.media_dir)
+    _stores(settings).rendered.put(video.name, video)
+    return video
+
+
+def file_locator(file: str, sha256: str) -> str:
+    """What a study's own video is called wherever it is kept: by its content and its ending."""
+    return f"{sha256}{PurePosixPath(file).suffix.lower()}"
 
 
 def crane_locator(environment: str, candidate_index: int, run_index: int) -> str:

@@ -85,10 +85,10 @@ def payload_mb(studio: Studio, study: studies.StudyInfo) -> float | None:
         for environment in study.plan.environments
         for clip in studio.proposer.space(study.id, environment).all_clips
     ]
-    paths = [path for clip in clips if (path := studio.recordings.ready_path(clip)) is not None]
-    if not paths:
+    sizes = studio.recordings.sizes(clips)
+    if not sizes:
         return None
-    mean_bytes = sum(path.stat().st_size for path in paths) / len(paths)
+    mean_bytes = sum(sizes.values()) / len(sizes)
     pairs = study.plan.trials * study.plan.shown_per_trial * PAIRS_LOADED_PER_QUERY
     blocks = study.plan.trials // study.plan.trials_per_block
     return (2 * pairs + blocks * study.plan.familiarisation.videos) * mean_bytes / 1e6

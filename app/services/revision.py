@@ -154,7 +154,7 @@ def _require_the_same(session: Session, before: StudyInfo, folder: StudyFolder) 
         .where(Candidate.study_id == before.id, Recording.source == recordings.FILE)
     )
     given = {
-        (row.environment, f"{row.sha256}{PurePosixPath(row.file).suffix.lower()}")
+        (row.environment, recordings.file_locator(row.file, row.sha256))
         for row in folder.recordings
     }
     if {tuple(row) for row in stored} != given:

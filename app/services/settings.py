@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ipaddress
 import os
+import re
 from pathlib import Path
 from typing import Annotated
 
@@ -40,6 +41,19 @@ class Settings(BaseSettings):
     media_dir: Annotated[
         Path, Field(description="Rendered recordings, named by content, shared by all studies.")
     ] = Path("media")
+    recordings_url: Annotated[
+        str,
+        Field(
+            description="s3://bucket/prefix: an S3-compatible store for all recordings. Default:"
+            " the two folders above."
+        ),
+    ] = ""
+    s3_endpoint: Annotated[
+        str, Field(description="URL of that store's API. Default: that of Amazon.")
+    ] = ""
+    s3_public_endpoint: Annotated[
+        str, Field(description="The same for browsers, where they reach it under another name.")
+    ] = ""
     secure_cookies: Annotated[
         bool, Field(description="Send cookies over HTTPS only. Set it wherever TLS is.")
     ] = False
@@ -123,6 +137,23 @@ class Settings(BaseSettings):
             backend = ""
         if backend not in DATABASES:
             raise ValueError(f"expected the URL of a database of {' or '.join(DATABASES)}")
+        return url
+
+    @field_validator("recordings_url")
+    @classmethod
+    def _known_store(cls, url: str) -> str:
+        # Whoever writes a key into it will not see it repeated in a log.
+        if url and not re.fullmatch(r"s3://[a-z0-9][a-z0-9.-]{1,61}[a-z0-9](/[\w.-]+)*/?", url):
+            raise ValueError("expected s3://bucket or s3://bucket/prefix, without keys")
+        return url
+
+    @field_validator("s3_endpoint", "s3_public_endpoint")
+    @classmethod
+    def _known_endpoint(cls, url: str) -> str:
+        if url and not re.fullmatch(r"https?://[A-Za-z0-9.-]+(:\d+)?/?", url):
+            raise ValueError(
+                "expected a URL such as https://s3.lab.example, without keys or a path"
+            )
         return url
 
     @property

@@ -103,7 +103,13 @@ def create(
     if plan.slug in RESERVED_SLUGS:
         raise ConflictError(f"expected another slug: {plan.slug!r} is a page of the studio's own")
     # Videos first, under their content's names: a file that nothing points to does no harm.
-    places = list(_candidates(studio, folder))
+    studio.recordings.keep_files(
+        {
+            recordings.file_locator(row.file, row.sha256): folder.root / row.file
+            for row in folder.recordings
+        }
+    )
+    places = list(_candidates(folder))
     with studio.database.write() as session:
         earlier = session.scalar(select(Study).where(Study.slug == plan.slug))
         ties = {} if owner_id is None else {owner_id: OWNER}
@@ -272,12 +278,12 @@ def _info(study: Study, version: PlanVersion) -> StudyInfo:
     )
 
 
-def _candidates(studio: Studio, folder: study_folder.StudyFolder) -> Iterator[Candidate]:
+def _candidates(folder: study_folder.StudyFolder) -> Iterator[Candidate]:
     for name, environment in folder.plan.environments.items():
         if environment.source == recordings.CRANE:
             yield from _crane_candidates(name)
         else:
-            yield from _file_candidates(studio, folder, name)
+            yield from _file_candidates(folder, name)
 
 
 def _crane_candidates(environment: str) -> Iterator[Candidate]:
@@ -301,9 +307,7 @@ def _crane_candidates(environment: str) -> Iterator[Candidate]:
         )
 
 
-def _file_candidates(
-    studio: Studio, folder: study_folder.StudyFolder, environment: str
-) -> Iterator[Candidate]:
+def _file_candidates(folder: study_folder.StudyFolder, environment: str) -> Iterator[Candidate]:
     names = [parameter.name for parameter in folder.plan.parameters]
     found: dict[tuple[float, ...], Candidate] = {}
     for row in folder.recordings:
@@ -321,7 +325,7 @@ def _file_candidates(
                 run_index=len(candidate.recordings),
                 public_id=new_public_id(),
                 source=recordings.FILE,
-                locator=studio.recordings.keep_file(folder.root / row.file, row.sha256),
+                locator=recordings.file_locator(row.file, row.sha256),
                 file=row.file,
                 duration_s=row.duration_s,
                 score=row.score,

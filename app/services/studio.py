@@ -46,6 +46,7 @@ class Studio:
 
     def close(self) -> None:
         self.background.close()
+        self.recordings.close()
         self.database.close()
 
 

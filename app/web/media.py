@@ -1,4 +1,7 @@
-"""Recordings, under addresses that say nothing, by ranges, for browsers to keep."""
+"""Recordings, under addresses that say nothing, by ranges, for browsers to keep.
+
+Where a store of the network has them, browsers are sent there by links that are good for minutes.
+"""
 
 from __future__ import annotations
 
@@ -6,15 +9,14 @@ import asyncio
 import mimetypes
 
 from fastapi import APIRouter, Request
-from fastapi.responses import FileResponse, Response
+from fastapi.responses import FileResponse, RedirectResponse, Response
 from starlette.concurrency import run_in_threadpool
+
+from app.services.stores.store import KEPT, Link
 
 from .security import StudioDep
 
 router = APIRouter(tags=["media"])
-
-#: A recording never changes under its address, and is nobody else's to see.
-_CACHE = "private, max-age=604800, immutable"
 
 
 @router.api_route(
@@ -28,9 +30,14 @@ async def recording(public_id: str, request: Request, studio: StudioDep) -> Resp
     source = await run_in_threadpool(studio.recordings.find, public_id)
     etag = f'"{public_id}"'
     if request.headers.get("if-none-match") == etag:
-        return Response(status_code=304, headers={"ETag": etag, "Cache-Control": _CACHE})
+        return Response(status_code=304, headers={"ETag": etag, "Cache-Control": KEPT})
+    made = await run_in_threadpool(studio.recordings.ensure, source)
     # Shielded: one browser that goes away must not stop a video that others wait for.
-    path = await asyncio.shield(asyncio.wrap_future(studio.recordings.ensure(source)))
+    await asyncio.shield(asyncio.wrap_future(made))
+    place = studio.recordings.hand_out(source, head=request.method == "HEAD")
+    if isinstance(place, Link):
+        kept = f"private, max-age={place.seconds}"
+        return RedirectResponse(place.url, 307, headers={"Cache-Control": kept})
     # A study's own videos may be of another form than the address says.
-    form = mimetypes.guess_type(path.name)[0] or "video/mp4"
-    return FileResponse(path, media_type=form, headers={"Cache-Control": _CACHE, "ETag": etag})
+    form = mimetypes.guess_type(place.name)[0] or "video/mp4"
+    return FileResponse(place, media_type=form, headers={"Cache-Control": KEPT, "ETag": etag})

@@ -40,5 +40,7 @@ def outside_the_study(request: Request, slug: str, studio: Studio) -> Response |
         html=entrance.consent["html"],
         is_preview=is_preview,
     )
-    response.headers[POLICY] = content_security_policy(frame_ancestors=MTURK_FRAMES)
+    response.headers[POLICY] = content_security_policy(
+        studio.recordings.origin, frame_ancestors=MTURK_FRAMES
+    )
     return response

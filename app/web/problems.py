@@ -42,6 +42,7 @@ KINDS: tuple[tuple[type[Exception], Kind], ...] = (
     (errors.NotFoundError, Kind(404, "not-found", "Not found")),
     (errors.TooManyTriesError, Kind(429, "too-many-tries", "Too many tries")),
     (errors.InvitationError, Kind(410, "invitation", "This link is of no use any more")),
+    (errors.StoreAwayError, Kind(503, "store-away", "The videos cannot be reached")),
     (errors.SessionExpiredError, Kind(401, "session-expired", "The session has expired")),
     (errors.SignInRequiredError, Kind(401, "unauthenticated", "Not signed in")),
     (errors.EntryLinkError, Kind(403, "entry-link", "A personal link is needed")),

@@ -42,8 +42,8 @@ def snapshots(
     request: Request, studio: Studio, study: StudyInfo, language: str
 ) -> Iterator[tuple[str, str]]:
     """Name and HTML of every page in this language, numbered in the order of a session."""
-    clips = still_clips(studio, study)
-    stills = pictures.stills([studio.recordings.ready_path(clip) for clip in clips]) or [None]
+    with studio.recordings.files(still_clips(studio, study)) as files:
+        stills = pictures.stills(files) or [None]
     pages = _pages(_as_evaluator(request, study.slug), studio, study, language)
     for number, (name, page) in enumerate(pages, start=1):
         yield f"{number:02}-{name}", _standalone(page, stills)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import hmac
 import secrets
-from collections.abc import Sequence
+from functools import lru_cache
 from typing import Annotated
 
 from fastapi import Depends, Header, Request
@@ -27,26 +27,32 @@ SESSION_COOKIE_SECONDS = 400 * 24 * 3600
 POLICY = "Content-Security-Policy"
 
 
+@lru_cache(maxsize=16)
 def content_security_policy(
-    *, form_action: Sequence[str] = (), frame_ancestors: Sequence[str] = ()
+    videos: str | None = None,
+    *,
+    form_action: tuple[str, ...] = (),
+    frame_ancestors: tuple[str, ...] = (),
 ) -> str:
-    """What a page of ours may do: nothing but with ourselves, and with the sites named here."""
+    """What a page of ours may do: nothing but with ourselves, and with the sites named here.
+
+    videos: the site that recordings come from, where that is not ours.
+    """
+    also = f" {videos}" if videos else ""
     return "; ".join(
         (
             "default-src 'none'",
             "script-src 'self'",
             "style-src 'self'",
             "img-src 'self' data:",
-            "media-src 'self' blob:",
-            "connect-src 'self'",
+            f"media-src 'self' blob:{also}",
+            f"connect-src 'self'{also}",
             " ".join(("form-action 'self'", *dict.fromkeys(form_action))),
             " ".join(("frame-ancestors", *(frame_ancestors or ("'none'",)))),
             "base-uri 'none'",
         )
     )
 
-
-CONTENT_SECURITY_POLICY = content_security_policy()
 
 _SAFE_METHODS = frozenset({"GET", "HEAD", "OPTIONS"})
 
@@ -158,7 +164,6 @@ def new_form_secret() -> str:
 
 #: What every response says unless its route says otherwise.
 _HEADERS = (
-    (POLICY, CONTENT_SECURITY_POLICY),
     ("X-Content-Type-Options", "nosniff"),
     ("Referrer-Policy", "same-origin"),
     ("Cross-Origin-Opener-Policy", "same-origin"),
@@ -180,6 +185,8 @@ class Guard:
         async def send_with_headers(message: Message) -> None:
             if message["type"] == "http.response.start":
                 headers = MutableHeaders(scope=message)
+                videos = scope["app"].state.studio.recordings.origin
+                headers.setdefault(POLICY, content_security_policy(videos))
                 for name, value in _HEADERS:
                     headers.setdefault(name, value)
             await send(message)

@@ -19,7 +19,7 @@ from app.study.protocol import ProtocolError
 from app.study.recruitment import MTURK_FRAMES, MTURK_HOSTS
 
 from . import languages, words
-from .security import POLICY, content_security_policy, session_cookie
+from .security import POLICY, content_security_policy, session_cookie, studio_of
 from .templating import page
 
 
@@ -62,7 +62,9 @@ def render(
     if way_back is not None and "fields" in way_back:
         # The one form that leaves our pages: to Mechanical Turk, which redirects within itself.
         hosts = [f"https://{host}" for host in MTURK_HOSTS]
-        response.headers[POLICY] = content_security_policy(form_action=(*hosts, *MTURK_FRAMES))
+        response.headers[POLICY] = content_security_policy(
+            studio_of(request).recordings.origin, form_action=(*hosts, *MTURK_FRAMES)
+        )
     return response
 
 

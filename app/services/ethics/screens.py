@@ -54,7 +54,8 @@ def still_clips(studio: Studio, study: StudyInfo) -> list[Clip]:
         for environment in study.plan.used_environments
         for clip in studio.proposer.space(study.id, environment).all_clips
     ]
-    ready = [clip for clip in clips if studio.recordings.ready_path(clip) is not None]
+    there = studio.recordings.sizes(clips)
+    ready = [clip for clip in clips if clip.locator in there]
     # Two that differ: neighbours are runs of one candidate.
     return [ready[0], ready[-1]] if ready else []
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from itertools import groupby
@@ -165,12 +165,18 @@ def _trial(
         row.query_index: row.candidate
         for row in session.scalars(select(Acquired).where(Acquired.trial_id == trial.id))
     }
+    best = acquired[max(acquired)] if acquired else None
+    clips: Sequence[Clip] = () if best is None else space.clips[best]
+    shown = [
+        one for query in trial.queries for one in (query.left_recording, query.right_recording)
+    ]
+    there = studio.recordings.sizes([*shown, *clips])
     asked = tuple(
         Asked(
             number=query.query_index + 1,
             trial_type=query.trial_type,
-            left=_video(studio, space, query.left_candidate, query.left_recording),
-            right=_video(studio, space, query.right_candidate, query.right_recording),
+            left=_video(there, space, query.left_candidate, query.left_recording),
+            right=_video(there, space, query.right_candidate, query.right_recording),
             response=query.response.response if query.response else None,
             skip_reason=query.response.skip_reason if query.response else None,
             seconds=_seconds(query),
@@ -182,8 +188,6 @@ def _trial(
         )
         for query in trial.queries
     )
-    best = acquired[max(acquired)] if acquired else None
-    clips: Sequence[Clip] = () if best is None else space.clips[best]
     return TrialStory(
         index=trial.trial_index,
         condition=trial.condition,
@@ -192,17 +196,17 @@ def _trial(
         started_at=trial.started_at,
         ended_at=trial.ended_at,
         asked=asked,
-        best=tuple(_video(studio, space, best, clip) for clip in clips if best is not None),
+        best=tuple(_video(there, space, best, clip) for clip in clips if best is not None),
     )
 
 
-def _video(studio: Studio, space: Space, candidate: int, recording: Any) -> Video:
+def _video(there: Container[str], space: Space, candidate: int, recording: Any) -> Video:
     point = map(float, space.candidates[candidate])
     return Video(
         candidate,
         dict(zip(space.parameters, point, strict=True)),
         video_url(recording.public_id),
-        studio.recordings.ready_path(recording) is not None,
+        recording.locator in there,
         recording.score,
     )
 

@@ -1,0 +1,33 @@
+"""The stores that the settings name."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from app.services.settings import Settings
+
+from .folder import FolderStore
+from .store import Store
+
+#: Folders within a bucket, called as those of a machine are: files can be moved as they lie.
+OWN, RENDERED = "uploads", "media"
+
+
+@dataclass(frozen=True)
+class Stores:
+    """Where studies' own videos are, which are nowhere else, and where rendered ones are."""
+
+    own: Store
+    rendered: Store
+
+
+def open_stores(settings: Settings) -> Stores:
+    """Raises ConflictError if the settings name a store that cannot be used from here."""
+    if not settings.recordings_url:
+        return Stores(FolderStore(settings.uploads_dir), FolderStore(settings.media_dir))
+    # Its client takes a while to be imported, and need not be installed.
+    from .s3 import S3Store  # noqa: PLC0415
+    from .s3_bucket import Bucket  # noqa: PLC0415
+
+    bucket = Bucket(settings)
+    return Stores(S3Store(bucket, OWN), S3Store(bucket, RENDERED))

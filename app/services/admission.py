@@ -18,7 +18,7 @@ from app.study.folder import WELCOME
 from app.study.plan import Plan
 from app.study.protocol import Progress
 
-from . import consents, entry_links, failures, places, returning, sessions, studies
+from . import consents, crowding, entry_links, failures, places, returning, sessions, studies
 from . import state as session_state
 from .errors import ForbiddenError, SignInRequiredError, StudyNotOpenError, StudyPausedError
 from .state import State
@@ -61,8 +61,8 @@ class Entrance:
 def entrance(
     studio: Studio, slug: str, language: str | None = None, *, entry: str | None = None
 ) -> Entrance:
-    """The open study's consent. Raises NotFoundError, StudyNotOpenError, StudyFullError
-    or EntryLinkError.
+    """The open study's consent. Raises NotFoundError, StudyNotOpenError, StudyFullError,
+    TooManyBegunError or EntryLinkError.
 
     entry: the token of a link that lets one person in, where the study wants one.
     """
@@ -70,6 +70,7 @@ def entrance(
     failures.remember(slug, study.plan)
     _require_open(study, LIVE)
     with studio.database.read() as session:
+        crowding.require(session, study, studio.settings.begun_per_hour, studio.now())
         places.require(session, study, LIVE, studio.now())
         entry_links.require_unused(session, study, entry)
     language = _language(study.plan, language)
@@ -112,8 +113,8 @@ def start(
     after: the token of a session that was left for too long, where the study lets one begin anew.
     arrival: the random value of the consent form that begins the session; sent again, the form
     leads into the session that it began.
-    Raises AlreadyTakenPartError where the study does not let a person in twice, and EntryLinkError
-    where it wants a link for each person and this one lets nobody in.
+    Raises AlreadyTakenPartError where the study does not let a person in twice, EntryLinkError
+    where it wants a link for each person and this one lets nobody in, and TooManyBegunError.
     """
     if mode == SIMULATED and not by_experimenter:
         raise ForbiddenError("only an experimenter may start a simulated session")
@@ -139,6 +140,8 @@ def start(
                 return token, session_state.describe(studio, session, earlier)
         _require_open(study, mode, by_experimenter=by_experimenter)
         now = studio.now()
+        if not by_experimenter:
+            crowding.require(session, study, studio.settings.begun_per_hour, now)
         if mode == LIVE:
             places.require(session, study, mode, now)
             entry_links.use(session, study, entry, now)

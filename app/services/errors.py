@@ -24,12 +24,20 @@ class SignInRequiredError(ServiceError):
     """No token came, or one that nobody was given."""
 
 
-class TooManyTriesError(ServiceError):
-    """Passwords were tried too often; `until` says when the next try counts."""
+class TooManyError(ServiceError):
+    """Something was asked for too often; `until` says when it may be asked for again."""
 
     def __init__(self, message: str, until: datetime) -> None:
         super().__init__(message)
         self.until = until
+
+
+class TooManyTriesError(TooManyError):
+    """Passwords were tried too often."""
+
+
+class TooManyBegunError(TooManyError):
+    """More sessions of one study were begun, and not gone on with, than people would begin."""
 
 
 class SessionExpiredError(ServiceError):

@@ -19,7 +19,7 @@ from sqlalchemy.orm import Session
 from app.storage.tables import Identity, Participant, PlanVersion, SessionRow, Study
 from app.study.retention import Due, Retention, due
 
-from . import audit, deletion
+from . import audit, deletion, tidying
 from .studies import stored_plan
 from .studio import Studio
 
@@ -92,6 +92,7 @@ def run_quietly(studio: Studio, stop: Callable[[], bool]) -> None:
             log.info("retention of %s: %s", slug, swept)
     except Exception:
         log.exception("the retention sweep failed")
+    tidying.run_quietly(studio, stop)
 
 
 def _is_any(found: _Found) -> bool:

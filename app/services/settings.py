@@ -65,6 +65,15 @@ class Settings(BaseSettings):
         int, Field(ge=1, description="What a study made in the browser may take, in megabytes.")
     ] = 4000
 
+    begun_per_hour: Annotated[
+        int,
+        Field(
+            ge=1,
+            description="Sessions of one study that may begin within an hour without an answer to"
+            " a pair. Beyond that newcomers are asked to come back later.",
+        ),
+    ] = 2000
+
     chromium: Annotated[
         str, Field(description="A Chromium, for pictures of pages. Default: one that is found.")
     ] = ""

@@ -16,7 +16,7 @@ from typing import IO, Any
 
 from .encoding import transcode
 from .facts import UnreadableVideoError
-from .limits import Limits, keep_to
+from .limits import Limits, be_the_first_to_go, keep_to
 from .probing import probe
 from .stills import still
 
@@ -25,6 +25,7 @@ def main() -> None:
     """Serve whoever started this process, until they close its input."""
     # What evaluators wait for comes first.
     os.nice(5)
+    be_the_first_to_go()
     answers = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
     nowhere = os.open(os.devnull, os.O_WRONLY)
     os.dup2(nowhere, sys.stdout.fileno())

@@ -42,7 +42,7 @@ router = APIRouter(prefix="/api/v1", tags=["session"])
     "/studies/{slug}/sessions",
     status_code=201,
     response_model=Started,
-    responses=refusals(403, 404, 409, 422),
+    responses=refusals(403, 404, 409, 422, 429),
 )
 def start_session(
     slug: str, body: StartSession, studio: StudioDep, caller: MaybeExperimenterDep

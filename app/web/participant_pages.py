@@ -17,13 +17,14 @@ from app.services.errors import (
     StudyFullError,
     StudyNotOpenError,
     StudyPausedError,
+    TooManyBegunError,
 )
 from app.services.state import State
 from app.services.studio import Studio
 from app.services.tokens import new_secret
 from app.study.recruitment import Outcome
 
-from . import languages, mturk_pages
+from . import languages, mturk_pages, turned_away
 from .failing_kindly import FailingKindly
 from .security import SESSION_COOKIE_SECONDS, StudioDep, session_cookie, set_cookie
 from .session_pages import about, do, is_known, render, to_stage, token_of
@@ -117,10 +118,10 @@ def _enter(
             arrival=arrival,
         )
     except EntryLinkError as error:
-        return _no_entry(request, slug, studio, error)
+        return turned_away.no_entry(request, slug, studio, error)
     except AlreadyTakenPartError as error:
-        return _taken_part(request, slug, studio, error)
-    except (StudyFullError, SessionTooOldError):
+        return turned_away.taken_part(request, slug, studio, error)
+    except (StudyFullError, TooManyBegunError, SessionTooOldError):
         return to_stage(slug, request.url.query)
     return token
 
@@ -161,7 +162,7 @@ def _arrival(request: Request, slug: str, studio: Studio) -> Response:
         try:
             token = returning.come_back(studio, slug, ids)
         except AlreadyTakenPartError as error:
-            return _taken_part(request, slug, studio, error)
+            return turned_away.taken_part(request, slug, studio, error)
         except SessionTooOldError as error:
             return _left(request, slug, studio, error)
         if token is not None:
@@ -213,35 +214,6 @@ def _is_barred(studio: Studio, token: str | None) -> bool:
     return False
 
 
-def _taken_part(
-    request: Request, slug: str, studio: Studio, error: AlreadyTakenPartError
-) -> Response:
-    plan = studies.find(studio, slug).plan
-    return render(
-        request,
-        slug,
-        "participant/taken_part.html",
-        translatable("You have taken part already"),
-        status=409,
-        **about(request, plan),
-        is_over=error.is_over,
-        way_back=error.way_back,
-    )
-
-
-def _no_entry(request: Request, slug: str, studio: Studio, error: EntryLinkError) -> Response:
-    plan = studies.find(studio, slug).plan
-    return render(
-        request,
-        slug,
-        "participant/no_entry.html",
-        translatable("A personal link is needed"),
-        status=403,
-        **about(request, plan),
-        is_used=error.is_used,
-    )
-
-
 def _language(request: Request, slug: str, studio: Studio) -> str:
     return languages.of_reader(request, studies.find(studio, slug).plan.languages)
 
@@ -254,7 +226,9 @@ def _entrance(
     try:
         entrance = admission.entrance(studio, slug, language, entry=request.query_params.get(ENTRY))
     except EntryLinkError as error:
-        return _no_entry(request, slug, studio, error)
+        return turned_away.no_entry(request, slug, studio, error)
+    except TooManyBegunError as error:
+        return turned_away.crowded(request, slug, studio, error)
     except StudyFullError:
         plan = studies.find(studio, slug).plan
         return render(

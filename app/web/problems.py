@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from dataclasses import asdict, dataclass
+from math import ceil
 from typing import Any
 
 from fastapi import FastAPI, Request
@@ -13,6 +14,7 @@ from sqlalchemy.exc import DataError, OperationalError
 from starlette.exceptions import HTTPException
 
 from app.services import errors, uploads
+from app.services.studio import Studio
 from app.study import protocol
 
 from . import languages
@@ -41,6 +43,7 @@ class Kind:
 KINDS: tuple[tuple[type[Exception], Kind], ...] = (
     (errors.NotFoundError, Kind(404, "not-found", "Not found")),
     (errors.TooManyTriesError, Kind(429, "too-many-tries", "Too many tries")),
+    (errors.TooManyBegunError, Kind(429, "too-many-begun", "Too many are beginning")),
     (errors.InvitationError, Kind(410, "invitation", "This link is of no use any more")),
     (errors.StoreAwayError, Kind(503, "store-away", "The videos cannot be reached")),
     (errors.SessionExpiredError, Kind(401, "session-expired", "The session has expired")),
@@ -158,7 +161,15 @@ async def _domain_error(request: Request, error: Exception) -> Response:
     if isinstance(error, protocol.StaleConsent):
         extra["stage"] = str(protocol.Stage.CONSENT)
         extra["current_version"] = error.current
-    return _answer(request, kind_of(error), str(error), **extra)
+    response = _answer(request, kind_of(error), str(error), **extra)
+    if isinstance(error, errors.TooManyError):
+        response.headers["Retry-After"] = str(seconds_until(request.app.state.studio, error))
+    return response
+
+
+def seconds_until(studio: Studio, error: errors.TooManyError) -> int:
+    """For how long whoever asked too often should wait."""
+    return max(1, ceil((error.until - studio.now()).total_seconds()))
 
 
 async def _invalid(request: Request, error: Exception) -> Response:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from math import ceil
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Form, Request
@@ -13,6 +12,7 @@ from app.services.errors import SignInRequiredError, TooManyTriesError
 from app.services.studio import Studio
 
 from .desk import AnybodysForm
+from .problems import seconds_until
 from .security import (
     FORM_COOKIE,
     SIGN_IN_COOKIE,
@@ -116,10 +116,6 @@ def too_many_tries(studio: Studio, error: TooManyTriesError) -> str:
     minutes = -(-seconds_until(studio, error) // 60)
     wait = "in a minute" if minutes <= 1 else f"in {minutes} minutes"
     return f"Too many tries for this address. Please try again {wait}."
-
-
-def seconds_until(studio: Studio, error: TooManyTriesError) -> int:
-    return max(1, ceil((error.until - studio.now()).total_seconds()))
 
 
 def _own_path(path: str) -> str:

@@ -1,0 +1,85 @@
+"""How many sessions of a study may be begun and not gone on with.
+
+Anybody may begin one where a study is open to everybody, and each takes room. Addresses tell
+nothing: a laboratory's thirty people come by one, and a stranger by many. So what is counted is
+what only a stranger's program leaves behind in such numbers: sessions without an answer.
+"""
+
+from __future__ import annotations
+
+from datetime import datetime, timedelta
+
+from sqlalchemy import func, or_, select
+from sqlalchemy.orm import Session
+
+from app.storage.arrivals import Tombstone
+from app.storage.tables import SessionRow
+from app.study.protocol import Stage
+
+from . import entry_links
+from .errors import TooManyBegunError
+from .studies import StudyInfo
+
+WITHIN = timedelta(hours=1)
+
+#: Of people, or of programs that say they are: simulated sessions are an experimenter's.
+MODES = ("live", "preview")
+
+#: Where a session can be that has answered no pair that counts.
+_EARLY = tuple(
+    stage.value
+    for stage in (
+        *(Stage.CONSENT, Stage.DEVICE_CHECK, Stage.INSTRUCTIONS, Stage.FAMILIARISATION),
+        *(Stage.PRACTICE, Stage.QUERY, Stage.DECLINED, Stage.WITHDRAWN, Stage.SCREENED_OUT),
+    )
+)
+
+
+def require(session: Session, study: StudyInfo, limit: int, now: datetime) -> None:
+    """Raises TooManyBegunError if `limit` sessions began within the hour and answered nothing.
+
+    Deleted ones are counted by the day on which they were: nothing more is known of them. A study
+    of single-use links has its own bound, which is how many links it gave out.
+    """
+    if entry_links.wanted(study.plan):
+        return
+    # Deleting what was begun must not make room for more.
+    left = limit - _deleted_today(session, study, now)
+    oldest = None if left < 1 else _oldest(session, study, left, now)
+    if left >= 1 and oldest is None:
+        return
+    raise TooManyBegunError(
+        f"expected at most {limit} sessions of the study {study.slug!r} to begin within an hour"
+        " without an answer",
+        (oldest or now) + WITHIN,
+    )
+
+
+def _oldest(session: Session, study: StudyInfo, count: int, now: datetime) -> datetime | None:
+    """When the last but `count` of these sessions began; None if there are fewer."""
+    return session.scalar(
+        select(SessionRow.started_at)
+        .where(
+            SessionRow.study_id == study.id,
+            SessionRow.mode.in_(MODES),
+            SessionRow.stage.in_(_EARLY),
+            SessionRow.trial_index == 0,
+            or_(SessionRow.query_index == 0, SessionRow.stage == Stage.PRACTICE.value),
+            SessionRow.started_at > now - WITHIN,
+        )
+        .order_by(SessionRow.started_at.desc())
+        .offset(count - 1)
+        .limit(1)
+    )
+
+
+def _deleted_today(session: Session, study: StudyInfo, now: datetime) -> int:
+    today = now.replace(hour=0, minute=0, second=0, microsecond=0)
+    count = select(func.count(Tombstone.id)).where(
+        Tombstone.study_id == study.id,
+        Tombstone.mode.in_(MODES),
+        Tombstone.stage.in_(_EARLY),
+        Tombstone.reason == "wish",
+        Tombstone.deleted_at == today,
+    )
+    return session.scalar(count) or 0

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import os
+import resource
 import signal
 import socket as sockets
 import tempfile
 import threading
 from collections.abc import Callable
+from contextlib import suppress
 from functools import partial
 from types import FrameType
 from typing import Any
@@ -24,6 +26,10 @@ from app.services.errors import ConflictError
 from app.services.settings import Settings
 from app.services.studio import Studio, open_studio
 from app.simulation import simulate_job
+
+#: How long an idle connection is kept, in seconds.
+#: Chromium keeps an idle connection for 300 s, Caddy for 120, nginx for 60.
+KEEP_ALIVE_S = 310
 
 
 def listen(host: str, port: int) -> sockets.socket:
@@ -65,6 +71,7 @@ def serve_app(
     """
     if json_logs:
         logs.write_json()
+    _take_many_connections()
     app = _application(studio)
     config = _config(app, studio.settings, log_config=None if json_logs else LOGGING_CONFIG)
     server = _Server(config, ready)
@@ -111,6 +118,7 @@ class _Workers(Multiprocess):
 def _worker(settings: Settings) -> FastAPI:
     """The application of one worker, made in its own process."""
     logs.write_json()
+    _take_many_connections()
     app = _application(open_studio(settings))
     told = threading.Event()
 
@@ -123,6 +131,13 @@ def _worker(settings: Settings) -> FastAPI:
         signal.signal(number, partial(tell, signal.getsignal(number)))
     app.state.stopping = told.is_set
     return app
+
+
+def _take_many_connections() -> None:
+    """Open as many files as the machine lets us: a browser keeps up to six connections."""
+    _, most = resource.getrlimit(resource.RLIMIT_NOFILE)
+    with suppress(ValueError, OSError):
+        resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))
 
 
 def _application(studio: Studio) -> FastAPI:
@@ -143,6 +158,9 @@ def _config(app: Any, settings: Settings, **more: Any) -> uvicorn.Config:
         server_header=False,
         proxy_headers=bool(settings.trusted_proxies),
         forwarded_allow_ips=settings.trusted_proxies,
+        # Longer than browsers and proxies keep a connection that is idle: whoever ends it while the
+        # other sends loses a request. They look at a pair for longer than uvicorn's 5 s.
+        timeout_keep_alive=KEEP_ALIVE_S,
         # Requests under way are finished; streams end by themselves.
         timeout_graceful_shutdown=10,
         **more,

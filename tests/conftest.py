@@ -28,6 +28,8 @@ from app.storage.accounts import Account
 
 from .databases import Databases, PostgresServer, SqliteFiles
 
+pytest_plugins = ["tests.fuzz.plugin"]
+
 T = TypeVar("T")
 
 STARTED = datetime(2026, 3, 1, 9, 0, tzinfo=UTC)

@@ -1,0 +1,113 @@
+"""`pytest --fuzz SECONDS`: the same tests by chance, round after round, and a table at the end.
+
+Without it each of them goes one short round, alike each time. A round says its seed: with
+`--fuzz-seed` it comes again.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from itertools import count
+from secrets import randbits
+from typing import Any
+
+import hypothesis
+import pytest
+from hypothesis import HealthCheck, Phase
+
+
+@dataclass
+class Figures:
+    """What one part has tried."""
+
+    seconds: float = 0.0
+    seeds: list[int] = field(default_factory=list)
+    faults: int = 0
+    operations: set[str] = field(default_factory=set)
+    statuses: Counter[int] = field(default_factory=Counter)
+
+
+class Fuzz:
+    """How long each part goes on, and what came of it."""
+
+    def __init__(self, seconds: float, first_seed: int | None) -> None:
+        self.seconds = seconds
+        self.parts: dict[str, Figures] = {}
+        self._seeds = count(randbits(32) if first_seed is None else first_seed)
+
+    def case(self, part: str, operation: str, status: int) -> None:
+        """Note that something was asked, and answered with this status."""
+        figures = self.parts.setdefault(part, Figures())
+        figures.operations.add(operation)
+        figures.statuses[status] += 1
+
+    def rounds(self, part: str, one_round: Callable[[int], None]) -> None:
+        """Call `one_round(seed)` once, or again and again until the time is over."""
+        figures = self.parts.setdefault(part, Figures())
+        began = time.monotonic()
+        for seed in self._seeds:
+            figures.seeds.append(seed)
+            try:
+                one_round(seed)
+            except BaseException:
+                figures.faults += 1
+                raise
+            finally:
+                figures.seconds = time.monotonic() - began
+            if figures.seconds >= self.seconds:
+                return
+
+    def settings(self, examples: int, **more: Any) -> hypothesis.settings:
+        """Of one round: so many examples, or ten times as many where there is time.
+
+        A short round need not find the shortest way to a fault.
+        """
+        return hypothesis.settings(
+            max_examples=examples * (10 if self.seconds else 1),
+            derandomize=not self.seconds,
+            database=None,
+            deadline=None,
+            suppress_health_check=list(HealthCheck),
+            phases=[Phase.generate, Phase.shrink] if self.seconds else [Phase.generate],
+            **more,
+        )
+
+    def table(self) -> Iterator[str]:
+        yield f"{'part':<34}{'s':>6}{'operations':>12}{'cases':>8}{'faults':>8}  statuses"
+        for part, one in self.parts.items():
+            statuses = ", ".join(f"{status}: {n}" for status, n in sorted(one.statuses.items()))
+            yield (
+                f"{part:<34}{one.seconds:>6.0f}{len(one.operations):>12}"
+                f"{one.statuses.total():>8}{one.faults:>8}  {statuses}"
+            )
+            yield f"{'':<34}seeds {one.seeds[0]} to {one.seeds[-1]}" if one.seeds else ""
+
+
+_FUZZ = pytest.StashKey[Fuzz]()
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--fuzz", type=float, default=0.0, metavar="SECONDS", help="for each part")
+    parser.addoption("--fuzz-seed", type=int, default=None, help="of the first round")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    config.stash[_FUZZ] = Fuzz(config.getoption("--fuzz"), config.getoption("--fuzz-seed"))
+
+
+@pytest.fixture(scope="session")
+def fuzz(pytestconfig: pytest.Config) -> Fuzz:
+    return pytestconfig.stash[_FUZZ]
+
+
+def pytest_terminal_summary(
+    terminalreporter: pytest.TerminalReporter, config: pytest.Config
+) -> None:
+    fuzz = config.stash[_FUZZ]
+    if fuzz.seconds:
+        terminalreporter.section("what was tried")
+        for line in fuzz.table():
+            terminalreporter.write_line(line)

@@ -62,7 +62,13 @@ def studio_of(request: Request) -> Studio:
     return studio
 
 
-StudioDep = Annotated[Studio, Depends(studio_of)]
+async def _studio(request: Request) -> Studio:
+    # What only looks something up is asynchronous: anything else is given to a thread and waited
+    # for, at every call, and on a busy server each of these waits counts.
+    return studio_of(request)
+
+
+StudioDep = Annotated[Studio, Depends(_studio)]
 
 
 def bearer(authorization: str | None) -> str | None:
@@ -76,7 +82,7 @@ def session_cookie(slug: str) -> str:
     return f"pbpo_session_{slug}"
 
 
-def session_token(
+async def session_token(
     request: Request,
     authorization: Annotated[str | None, Header(include_in_schema=False)] = None,
     pbpo_study: Annotated[

@@ -71,6 +71,7 @@ def _respond(studio: Studio, token: str, answer: Answer) -> State:
         query = queries.find(session, row, answer.query_id)
         if not _is_new(row, query, answer):
             return session_state.describe(studio, session, row)
+        sessions.require_asked(row, query.query_index)
         trial = queries.trial_in_hand(row, query.trial.trial_index, query.trial.seed)
         if answer.response == "skip" and not allows_skip(trial.method):
             raise SkipNotOfferedError(
@@ -128,7 +129,8 @@ def report_fault(studio: Studio, token: str, report: FaultReport) -> State:
     """Set a query aside because a video did not play, and put another one in its place.
 
     What is set aside is kept, marked, and never reaches the model. The same report again changes
-    nothing. Raises AlreadyAnsweredError if the query has its response.
+    nothing. Raises AlreadyAnsweredError if the query has its response, and OutOfOrder if nobody is
+    asked it any more.
     """
     with studio.database.write() as session:
         row = sessions.find(studio, session, token, to_write=True)
@@ -139,6 +141,7 @@ def report_fault(studio: Studio, token: str, report: FaultReport) -> State:
             raise AlreadyAnsweredError(
                 "expected a query without a response, and this one is answered", row.stage
             )
+        sessions.require_asked(row, query.query_index)
         tried = queries.read_attempts(session, query)
         if len(tried) >= MOST_ATTEMPTS:
             raise ConflictError(

@@ -10,7 +10,7 @@ import numpy as np
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session, contains_eager, joinedload
 
-from app.storage.tables import Event, QueryRow, Response, SessionRow, Trial
+from app.storage.tables import Event, QueryRow, Response, SessionRow, Trial, UndoneResponse
 from app.study import protocol
 from app.study.protocol import ANSWERED, Stage
 from app.study.stages import PRACTICE_INDEX
@@ -85,6 +85,12 @@ def standing_at(session: Session, trial_id: int, query_index: int) -> QueryRow:
         )
         .options(joinedload(QueryRow.left_recording), joinedload(QueryRow.right_recording))
     ).one()
+
+
+def was_undone(session: Session, query: QueryRow) -> bool:
+    """Whether a response to this query was ever taken back."""
+    found = select(UndoneResponse.id).where(UndoneResponse.query_id == query.id).limit(1)
+    return session.scalar(found) is not None
 
 
 def read_record(session: Session, trial_id: int) -> Record:

@@ -56,7 +56,9 @@ def _undo(
     if before.response is None:
         return None
     left = undo_s - (studio.now() - before.response.answered_at).total_seconds()
-    return {"query_id": before.public_id, "seconds_left": round(left, 1)} if left > 0 else None
+    if left <= 0 or queries.was_undone(session, query):
+        return None
+    return {"query_id": before.public_id, "seconds_left": round(left, 1)}
 
 
 def video_url(public_id: str) -> str:

@@ -49,6 +49,12 @@ def find(
     return row
 
 
+def require_asked(row: SessionRow, query_index: int) -> None:
+    """Raises OutOfOrder unless the session's query of this index waits for its response."""
+    progress = session_state.read_progress(row)
+    protocol.require_asked(studies.plan_of(row), progress, query_index)
+
+
 def advance(studio: Studio, row: SessionRow, event: protocol.Event) -> None:
     """Move the session on by what happened. Raises a ProtocolError if it cannot happen now."""
     if isinstance(event, protocol.Continued | protocol.Answered | protocol.ScreenedOut):

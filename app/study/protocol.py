@@ -260,6 +260,12 @@ def position(plan: Plan, progress: Progress) -> Position:
     return Position(trial=trial, trials=plan.trials, query=query, queries=plan.shown_per_trial)
 
 
+def require_asked(plan: Plan, progress: Progress, query_index: int) -> None:
+    """Raises OutOfOrder unless the query of this index is the one that waits for its response."""
+    if progress.stage not in ANSWERED or query_index != progress.query_index:
+        raise _out_of_order(plan, progress)
+
+
 def _after_withdrawal(plan: Plan, progress: Progress) -> Progress:
     if progress.stage in FINAL_STAGES:
         raise _out_of_order(plan, progress)
@@ -304,8 +310,7 @@ def _after_continue(plan: Plan, progress: Progress, event: Continued) -> Progres
 
 
 def _after_response(plan: Plan, progress: Progress, event: Responded) -> Progress:
-    if progress.stage not in ANSWERED or event.query_index != progress.query_index:
-        raise _out_of_order(plan, progress)
+    require_asked(plan, progress, event.query_index)
     if progress.stage is Stage.PRACTICE:
         if progress.query_index + 1 < plan.practice.queries:
             return Progress(Stage.PRACTICE, query_index=progress.query_index + 1)

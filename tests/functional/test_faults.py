@@ -133,6 +133,19 @@ def test_a_query_that_was_answered_is_not_set_aside(client: Api, short_study: St
     assert session.call("faults", {"query_id": "another"}).status_code == 404
 
 
+def test_nothing_is_asked_of_somebody_who_has_left(
+    client: Api, short_study: StudyInfo, api_token: str
+) -> None:
+    session = client.start().to_first_query()
+    body = {"query_id": session.state["query"]["id"]}
+    session.call("withdraw")
+    for step, more in (("faults", {}), ("responses", {"response": "left"})):
+        refusal = session.call(step, {**body, **more})
+        assert (refusal.status_code, refusal.json()["stage"]) == (409, "withdrawn")
+    assert client.table("faults", api_token).empty
+    assert len(client.table("queries", api_token)) == 1
+
+
 def test_attempts_at_one_query_come_to_an_end(client: Api, short_study: StudyInfo) -> None:
     session = client.start().to_first_query()
     codes = [report(session) for _ in range(21)]

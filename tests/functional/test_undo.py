@@ -96,6 +96,21 @@ def test_only_the_last_response_can_be_taken_back(session: Session) -> None:
     assert session.call("undo", {"query_id": "another"}).status_code == 404
 
 
+def test_nobody_goes_back_by_two_responses(session: Session, studio: Studio, client: Api) -> None:
+    from .test_checks import table
+
+    first = {"query_id": session.state["query"]["id"]}
+    session.respond("left", rt_ms=1)
+    session.respond("right", rt_ms=2)
+    assert undo(session).status_code == 200
+    assert "undo" not in session.state["query"]
+    refusal = session.call("undo", first)
+    assert refusal.status_code == 409
+    assert refusal.json()["type"] == "urn:pbpo-studio:problem:too-late-to-undo"
+    # With the query that followed from it would go the record of what was taken back.
+    assert table(studio, "undone")["response"].to_list() == ["right"]
+
+
 def test_a_response_stands_once_the_next_pair_was_set_aside(session: Session) -> None:
     session.respond("left")
     body = {"query_id": session.state["query"]["undo"]["query_id"]}

@@ -11,7 +11,7 @@ import typer
 from rich.table import Table
 from typer.exceptions import Abort, Exit, TyperException
 
-from app.commands import account, backup, export, lifecycle, making, retention
+from app.commands import account, backup, export, lifecycle, making, retention, worker
 from app.commands.asking import (
     Address,
     DataDir,
@@ -49,6 +49,7 @@ app.command()(export.export)
 app.command()(backup.backup)
 app.command()(backup.restore)
 app.command()(export.report)
+app.command()(worker.worker)
 
 #: A user's mistake: what was asked for cannot be done as it was said.
 MISTAKE = 2

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, nullcontext
 
 from fastapi import FastAPI, Request
 from fastapi.responses import RedirectResponse, Response
@@ -77,7 +77,9 @@ def create_app(
 
     @asynccontextmanager
     async def lifespan(_app: FastAPI) -> AsyncIterator[None]:
-        with retention.swept_hourly(opened):
+        # With workers apart, theirs is one sweep for all servers.
+        apart = opened.settings.workers_apart
+        with nullcontext() if apart else retention.swept_hourly(opened):
             yield
         if closes:
             opened.close()

@@ -8,14 +8,12 @@ from alembic import context
 from sqlalchemy import event, text
 
 from app.storage import accounts, arrivals, records, tables
+from app.storage.alone import Alone
 from app.storage.database import Database
 
 # All modules fill the same metadata.
 for _table in (accounts.Account, arrivals.Reentry, records.AuditEvent):
     assert _table.metadata is tables.Base.metadata
-
-#: Of all who migrate this database; any number that nobody else uses.
-_ONE_AT_A_TIME = 7_262_030_001
 
 
 def run() -> None:
@@ -29,7 +27,9 @@ def run() -> None:
             if not database.is_sqlite:
                 # Several servers may start at once: the others wait, and find it done. The lock goes
                 # with the connection.
-                connection.execute(text(f"SELECT pg_advisory_lock({_ONE_AT_A_TIME})"))
+                connection.execute(
+                    text("SELECT pg_advisory_lock(:what)"), {"what": Alone.MIGRATION}
+                )
                 connection.commit()
             context.configure(
                 connection=connection,

@@ -34,8 +34,14 @@ WAITING, RUNNING, DONE, FAILED = "waiting", "running", "done", "failed"
 SILENT_AFTER = timedelta(seconds=60)
 #: How often a process says that it is still there, in seconds.
 BEAT_S = 5.0
+#: A job whose worker was given up is lost after two beats that were not heard.
+LOST_AFTER = timedelta(seconds=2 * BEAT_S)
 #: How often progress is written at the most, in seconds.
 _WRITE_EVERY_S = 1.0
+
+
+class JobInHandsError(Exception):
+    """Somebody else was at the job just now."""
 
 
 @dataclass(frozen=True)
@@ -177,22 +183,50 @@ def _start(studio: Studio, info: JobInfo) -> None:
         studio.settings,
         info.public_id,
         work,
-        died=lambda code: _died(studio.database, info.public_id, code),
+        died=lambda code: process_died(studio.database, info.public_id, code),
     )
 
 
-def _died(database: Database, public_id: str, code: int) -> None:
-    """A process that was killed, for want of memory say: begun again it would be killed again."""
+def take_up(database: Database, public_id: str, lost_after: timedelta = LOST_AFTER) -> str | None:
+    """The kind of a job that a worker is to do now; None if it is over, or was deleted.
+
+    For one that nobody else is told to do: whoever had it before has been given up. If it was at
+    work all the same less than `lost_after` ago, JobInHandsError is raised.
+    """
+    with database.write() as session:
+        job = session.scalar(select(Job).where(Job.public_id == public_id).with_for_update())
+        if job is None or job.state in (DONE, FAILED):
+            return None
+        if job.state == RUNNING:
+            if job.seen_at is not None and job.seen_at > utc_now() - lost_after:
+                raise JobInHandsError(f"the job {public_id} is in somebody's hands")
+            job.state = WAITING
+        return job.kind
+
+
+def give_back(database: Database, public_id: str) -> None:
+    """Let a job wait again, whose process was stopped."""
+    with database.write() as session:
+        session.execute(
+            update(Job)
+            .where(Job.public_id == public_id, Job.state == RUNNING)
+            .values(state=WAITING)
+        )
+
+
+def fail(database: Database, public_id: str, message: str) -> None:
+    """End a job that is not over, and say why."""
     with database.write() as session:
         session.execute(
             update(Job)
             .where(Job.public_id == public_id, Job.state.in_((WAITING, RUNNING)))
-            .values(
-                state=FAILED,
-                message=f"its process ended before its time (status {code})",
-                ended_at=utc_now(),
-            )
+            .values(state=FAILED, message=message, ended_at=utc_now())
         )
+
+
+def process_died(database: Database, public_id: str, code: int) -> None:
+    """A process that was killed, for want of memory say: begun again it would be killed again."""
+    fail(database, public_id, f"its process ended before its time (status {code})")
 
 
 def _claim(database: Database, public_id: str) -> Mapping[str, Any] | None:

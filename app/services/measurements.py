@@ -22,10 +22,21 @@ SHARED_DIR = "PROMETHEUS_MULTIPROC_DIR"
 _SECONDS = (0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 5.0, 10.0)
 
 
-class Measurements:
-    """Counters, durations and gauges of one studio."""
+#: Name, meaning and label of the gauge of videos that are made.
+RENDER_QUEUE = (
+    "pbpo_render_queue",
+    "Videos that wait to be rendered, and those that are being rendered.",
+    ["state"],
+)
 
-    def __init__(self) -> None:
+
+class Measurements:
+    """Counters, durations and gauges of one studio.
+
+    own_queue: whether the studio renders videos itself, and counts them.
+    """
+
+    def __init__(self, *, own_queue: bool = True) -> None:
         registry = CollectorRegistry()
         self._registry = registry
         self._responses = Counter(
@@ -52,12 +63,10 @@ class Measurements:
             buckets=_SECONDS,
             registry=registry,
         )
-        self._renders = Gauge(
-            "pbpo_render_queue",
-            "Videos that wait to be rendered, and those that are being rendered.",
-            ["state"],
-            multiprocess_mode="livesum",
-            registry=registry,
+        self._renders = (
+            Gauge(*RENDER_QUEUE, multiprocess_mode="livesum", registry=registry)
+            if own_queue
+            else None
         )
         self._requests = Histogram(
             "pbpo_http_request_seconds",
@@ -87,6 +96,8 @@ class Measurements:
 
     def renders(self, waiting: int, running: int) -> None:
         """How many videos wait to be rendered, and how many are being rendered."""
+        if self._renders is None:
+            return
         self._renders.labels("waiting").set(waiting)
         self._renders.labels("running").set(running)
 

@@ -12,6 +12,7 @@ from sqlalchemy.exc import SQLAlchemyError
 from app.storage.schema import newest_revision, revision_of
 from app.storage.tables import SessionRow
 
+from .measurements import RENDER_QUEUE
 from .studio import Studio
 
 
@@ -34,6 +35,13 @@ def metrics(studio: Studio) -> bytes:
     sessions = Gauge(
         "pbpo_sessions", "Sessions that are kept, by stage.", ["mode", "stage"], registry=registry
     )
+    if (queue := studio.background.queue()) is not None:
+        renders = Gauge(*RENDER_QUEUE, registry=registry)
+        renders.labels("waiting").set(queue.waiting)
+        renders.labels("running").set(queue.running)
+        Gauge("pbpo_workers", "Workers that were heard of just now.", registry=registry).set(
+            queue.workers
+        )
     with studio.database.read() as session:
         counted = session.execute(
             select(SessionRow.mode, SessionRow.stage, func.count(SessionRow.id)).group_by(

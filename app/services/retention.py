@@ -14,8 +14,10 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 from sqlalchemy import delete, select
+from sqlalchemy.exc import SQLAlchemyError
 from sqlalchemy.orm import Session
 
+from app.storage.alone import Alone, alone
 from app.storage.tables import Identity, Participant, PlanVersion, SessionRow, Study
 from app.study.retention import Due, Retention, due
 
@@ -86,7 +88,19 @@ def swept_hourly(studio: Studio) -> Iterator[None]:
 
 
 def run_quietly(studio: Studio, stop: Callable[[], bool]) -> None:
-    """A sweep of the server's own: what goes wrong is logged, and tried again the next time."""
+    """A sweep of the server's own: what goes wrong is logged, and tried again the next time.
+
+    Nothing is done while another server or worker is at it.
+    """
+    try:
+        with alone(studio.database, Alone.RETENTION) as is_alone:
+            if is_alone:
+                _sweep_all_quietly(studio, stop)
+    except SQLAlchemyError:
+        log.exception("whether another server sweeps could not be asked")
+
+
+def _sweep_all_quietly(studio: Studio, stop: Callable[[], bool]) -> None:
     try:
         for slug, swept in run(studio, stop=stop).items():
             log.info("retention of %s: %s", slug, swept)

@@ -8,7 +8,7 @@ import re
 from pathlib import Path
 from typing import Annotated
 
-from pydantic import Field, SecretStr, ValidationError, field_validator
+from pydantic import Field, SecretStr, ValidationError, ValidationInfo, field_validator
 from pydantic_settings import (
     BaseSettings,
     PydanticBaseSettingsSource,
@@ -60,6 +60,13 @@ class Settings(BaseSettings):
     render_jobs: Annotated[
         int, Field(ge=1, le=64, description="Videos rendered at the same time.")
     ] = 2
+    workers_apart: Annotated[
+        bool,
+        Field(
+            description="Leave rendering, jobs and retention to `pbpo worker` processes. Needs"
+            " PostgreSQL; the same for servers and workers."
+        ),
+    ] = False
 
     upload_limit_mb: Annotated[
         int, Field(ge=1, description="What a study made in the browser may take, in megabytes.")
@@ -147,6 +154,18 @@ class Settings(BaseSettings):
         if backend not in DATABASES:
             raise ValueError(f"expected the URL of a database of {' or '.join(DATABASES)}")
         return url
+
+    @field_validator("workers_apart")
+    @classmethod
+    def _workers_share_a_server(cls, apart: bool, info: ValidationInfo) -> bool:
+        # A URL that was refused is not among the data, and is fault enough.
+        url = info.data.get("database_url", "postgresql://")
+        if apart and (not url or make_url(url).get_backend_name() == "sqlite"):
+            raise ValueError(
+                "expected PostgreSQL (PBPO_DATABASE_URL) where work is left to workers, got SQLite,"
+                " which has one writer at a time"
+            )
+        return apart
 
     @field_validator("recordings_url")
     @classmethod

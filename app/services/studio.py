@@ -13,6 +13,7 @@ from app.storage.schema import migrate
 
 from . import transcode_job
 from .background import Background
+from .errors import ConflictError
 from .in_process import InProcess
 from .ledger import Ledger
 from .measurements import Measurements
@@ -66,8 +67,10 @@ def open_studio(
     settings.media_dir.mkdir(parents=True, exist_ok=True)
     migrate(settings.url)
     database = Database(settings.url)
+    if settings.workers_apart:
+        background = _with_workers(database, background)
     background = background or InProcess(settings.render_jobs)
-    measurements = Measurements()
+    measurements = Measurements(own_queue=not settings.workers_apart)
     background.tell_queue(measurements.renders)
     recordings = Recordings(database, background, settings)
     return Studio(
@@ -82,3 +85,19 @@ def open_studio(
         seed=seed,
         works={transcode_job.KIND: transcode_job.transcode_draft},
     )
+
+
+def _with_workers(database: Database, background: Background | None) -> Background:
+    """The door to workers, unless another one is given; their queue is there from now on."""
+    try:
+        # Whoever does without workers need not have it installed.
+        from app.storage import task_queue  # noqa: PLC0415
+
+        from .apart import Apart  # noqa: PLC0415
+    except ImportError as error:
+        raise ConflictError(
+            f"expected what PBPO_WORKERS_APART needs to be installed, and {error.name} is not:"
+            " pip install 'pbpo-studio[postgresql]'"
+        ) from None
+    task_queue.prepare(database)
+    return background or Apart(task_queue.TaskQueue(database))

@@ -23,6 +23,9 @@ from .schema import revision_of
 SQLITE = "sqlite"
 POSTGRESQL = "postgresql"
 
+#: Where Procrastinate keeps its queue: what waits there is asked for again.
+QUEUE_SCHEMA = "procrastinate"
+
 
 class DumpError(Exception):
     """A database could not be copied, or be put back; the message says why, without its address."""
@@ -85,7 +88,10 @@ def _dump_postgresql(url: str, target: Path) -> Contents:
         with engine.connect() as connection:
             # pg_dump sees exactly what is counted here, whatever is written meanwhile.
             snapshot = str(connection.scalar(text("SELECT pg_export_snapshot()")))
-            words = ("--format=custom", "--no-owner", "--no-acl", f"--snapshot={snapshot}")
+            words = (
+                *("--format=custom", "--no-owner", "--no-acl", f"--snapshot={snapshot}"),
+                f"--exclude-schema={QUEUE_SCHEMA}",
+            )
             _run(url, "pg_dump", *words, f"--file={target}")
             return _contents(connection)
     finally:

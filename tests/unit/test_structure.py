@@ -27,8 +27,9 @@ ALLOWED: dict[str, frozenset[str]] = {
     "web": GROUND | {"storage", "figures", "services"},
     "main": GROUND | {"storage", "figures", "services", "web"},
     "server": frozenset({"services", "main", "simulation"}),
+    "worker": frozenset({"services", "simulation", "storage"}),
     "simulation": GROUND | {"storage", "services", "lab", "web", "main"},
-    "commands": GROUND | {"services", "server", "simulation", "main", "lab"},
+    "commands": GROUND | {"services", "server", "worker", "simulation", "main", "lab"},
     "cli": GROUND | {"services", "commands", "server", "simulation", "main", "lab"},
 }
 #: The ground rooms know neither the web nor the database.

@@ -1,0 +1,203 @@
+"""What a worker does for the servers: videos, jobs, and keeping studies' word on retention.
+
+Each task is done to its end or given back: whoever takes it up next goes on with what is missing.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import threading
+import time
+from collections.abc import Coroutine
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
+from datetime import timedelta
+from functools import partial
+from typing import Any
+
+import procrastinate
+from procrastinate.exceptions import ConnectorException
+from procrastinate.jobs import Job, Status
+
+from app.storage.task_queue import (
+    GONE_AFTER_S,
+    JOB,
+    RENDER,
+    RETENTION,
+    Task,
+    TaskQueue,
+    connector_of,
+)
+
+from . import jobs, recordings, retention
+from .job_processes import JobProcesses
+from .studio import Studio
+
+log = logging.getLogger(__name__)
+
+#: A task that took so many workers with it, or so many processes, is not tried again.
+MOST_LOSSES = 3
+#: How long why a task failed is kept, in hours.
+_FAULTS_KEPT_H = 24
+#: How long somebody who still has a job in hand is waited for before the next look, in seconds.
+_IN_HANDS_S = 2
+
+
+@dataclass(frozen=True)
+class Pulse:
+    """How often a worker is heard of, and how long it may be silent until it is given up.
+
+    beat_s: between two signs of life. gone_after_s: then others take its tasks. job_lost_after_s:
+    for a job, its own process must have been silent for so long as well. All in seconds.
+    """
+
+    beat_s: float = 2.0
+    gone_after_s: float = GONE_AFTER_S
+    job_lost_after_s: float = jobs.LOST_AFTER.total_seconds()
+
+
+class GivenBackError(Exception):
+    """The worker was told to stop before the task was done."""
+
+
+class WorkerTasks:
+    """A worker's hands: processes for videos, one for a job at a time, a thread for the rest."""
+
+    def __init__(self, studio: Studio, queue: TaskQueue, pulse: Pulse) -> None:
+        self._studio = studio
+        self._pulse = pulse
+        self._queue = queue
+        self._jobs = JobProcesses()
+        self._stopping = threading.Event()
+
+    def app(self) -> procrastinate.App:
+        """What Procrastinate has to know: where the queue is, and who does which task."""
+        app = procrastinate.App(connector=connector_of(self._studio.settings.url))
+        again = _Again()
+        app.task(name=RENDER, queue=RENDER, retry=again, pass_context=True)(self._render)
+        app.task(name=JOB, queue=JOB, retry=again, pass_context=True)(self._job)
+        alone = Task(RETENTION, "").key
+        sweep = app.task(
+            name=RETENTION,
+            queue=RETENTION,
+            retry=again,
+            lock=alone,
+            queueing_lock=alone,
+            pass_context=True,
+        )(self._sweep)
+        # Each hour once, however many workers there are: the queue sees to that.
+        app.periodic(cron="0 * * * *")(sweep)
+        return app
+
+    def ask_for_sweep(self) -> None:
+        """A sweep now, as when a server starts: the next full hour may be far."""
+        self._queue.ask(Task(RETENTION, ""))
+
+    def stop(self) -> None:
+        """Give back the job in hand, and begin no other; a sweep ends after its next deletion."""
+        self._stopping.set()
+        self._jobs.close()
+
+    async def take_back(self, app: procrastinate.App) -> None:
+        """Let those tasks be done by others whose worker was not heard of any more."""
+        silent_s = self._pulse.gone_after_s
+        for task in await app.job_manager.get_stalled_jobs(seconds_since_heartbeat=silent_s):
+            assert task.id is not None
+            times = await asyncio.to_thread(self._queue.note_loss, task.id)
+            try:
+                if times < MOST_LOSSES:
+                    await app.job_manager.retry_job(task)
+                    log.warning("a worker was lost; its task is done again", extra=_said(task))
+                else:
+                    fault = f"it was given up after {times} workers were lost at it"
+                    await asyncio.to_thread(self._give_up, task, fault)
+                    await app.job_manager.finish_job(task, Status.FAILED, delete_job=False)
+            except ConnectorException:
+                log.info("a lost task was taken back by another worker", extra=_said(task))
+
+    async def _render(
+        self, context: procrastinate.JobContext, /, argument: str, **_noted: object
+    ) -> None:
+        await self._to_its_end(context.job, self._make_video(argument))
+
+    async def _job(
+        self, context: procrastinate.JobContext, /, argument: str, **_noted: object
+    ) -> None:
+        await self._to_its_end(context.job, self._do_job(argument))
+
+    async def _sweep(
+        self, context: procrastinate.JobContext, /, timestamp: int = 0, **_noted: object
+    ) -> None:
+        await asyncio.to_thread(retention.run_quietly, self._studio, self._stopping.is_set)
+        # Nobody waits for these any more.
+        await context.app.job_manager.delete_old_jobs(
+            _FAULTS_KEPT_H, include_failed=True, include_cancelled=True, include_aborted=True
+        )
+
+    async def _make_video(self, locator: str) -> None:
+        making = self._studio.background.in_process(
+            (RENDER, locator), recordings.make_video, self._studio.settings, locator, urgent=True
+        )
+        await asyncio.shield(asyncio.wrap_future(making))
+
+    async def _do_job(self, public_id: str) -> None:
+        database, works = self._studio.database, self._studio.works
+        lost_after = timedelta(seconds=self._pulse.job_lost_after_s)
+        kind = await asyncio.to_thread(jobs.take_up, database, public_id, lost_after)
+        if kind is None:
+            return
+        if kind not in works:
+            raise LookupError(f"expected work among {', '.join(works)}, got {kind!r}")
+        running = self._jobs.submit(
+            public_id,
+            jobs.run,
+            (self._studio.settings, public_id, works[kind]),
+            partial(jobs.process_died, database, public_id),
+        )
+        # Shielded: where the queue is lost, the job's process goes on, and says so itself.
+        if not await asyncio.shield(asyncio.wrap_future(running)):
+            await asyncio.to_thread(jobs.give_back, database, public_id)
+            raise GivenBackError
+
+    async def _to_its_end(self, task: Job, doing: Coroutine[Any, Any, None]) -> None:
+        """Log the task when it is done; where it fails for good, say why to who waits for it."""
+        began = time.monotonic()
+        try:
+            await doing
+        except Exception as error:
+            if _decision(error, task) is None:
+                fault = f"{type(error).__name__}: {error}"
+                log.error("failed", extra=_said(task) | {"fault": fault})
+                await asyncio.to_thread(self._give_up, task, fault)
+            raise
+        log.info("done", extra=_said(task) | {"s": round(time.monotonic() - began, 3)})
+
+    def _give_up(self, task: Job, fault: str) -> None:
+        assert task.id is not None
+        self._queue.note_fault(task.id, fault)
+        if task.task_name == JOB:
+            jobs.fail(self._studio.database, str(task.task_kwargs["argument"]), fault)
+
+
+class _Again(procrastinate.BaseRetryStrategy):
+    def get_retry_decision(
+        self, *, exception: BaseException, job: Job
+    ) -> procrastinate.RetryDecision | None:
+        return _decision(exception, job)
+
+
+def _decision(error: BaseException, task: Job) -> procrastinate.RetryDecision | None:
+    """When the task is tried again after an error; None where that would be of no use."""
+    if isinstance(error, jobs.JobInHandsError):
+        return procrastinate.RetryDecision(retry_in={"seconds": _IN_HANDS_S})
+    if isinstance(error, GivenBackError | asyncio.CancelledError):
+        return procrastinate.RetryDecision(retry_in={"seconds": 0})
+    # Its process was killed, for want of memory say, and maybe not by this task.
+    if isinstance(error, BrokenProcessPool) and task.attempts + 1 < MOST_LOSSES:
+        return procrastinate.RetryDecision(retry_in={"seconds": 0})
+    return None
+
+
+def _said(task: Job) -> dict[str, object]:
+    return {"task": task.task_name, "what": task.task_kwargs.get("argument")}

@@ -26,6 +26,7 @@ from app.web import (
     draft_settings_pages,
     ethics_pages,
     exports,
+    faults_counted,
     invitation_pages,
     job_pages,
     leaving_pages,
@@ -99,6 +100,7 @@ def create_app(
     problems.install(app)
     app.add_middleware(body_limit.BodyLimit)
     app.add_middleware(security.Guard)
+    app.add_middleware(faults_counted.FaultsCounted)
     app.add_middleware(request_log.RequestLog)
     app.add_exception_handler(desk.ToSignIn, _to_sign_in)
     app.mount("/static", KeptStaticFiles(directory=STATIC), name="static")

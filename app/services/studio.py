@@ -14,6 +14,7 @@ from app.storage.schema import migrate
 from . import transcode_job
 from .background import Background
 from .errors import ConflictError
+from .fault_counts import FaultCounts
 from .in_process import InProcess
 from .ledger import Ledger
 from .measurements import Measurements
@@ -42,6 +43,8 @@ class Studio:
     ledger: Ledger
     now: Callable[[], datetime] = field(default=utc_now)
     seed: Callable[[], int] = field(default=new_seed)
+    #: What failed while people took part, until it is written.
+    faults: FaultCounts = field(default_factory=FaultCounts)
     #: What jobs there can be; the doors add what services may not know.
     works: dict[str, Work] = field(default_factory=dict)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable
 
-from . import unconsented
+from . import fault_counts, unconsented
 from .studio import Studio
 
 log = logging.getLogger(__name__)
@@ -13,6 +13,7 @@ log = logging.getLogger(__name__)
 #: What is cleared away, in words, and by what.
 _SWEEPS: tuple[tuple[str, Callable[[Studio, Callable[[], bool]], int]], ...] = (
     ("sessions that never came to consent", unconsented.sweep),
+    ("old counts of faults", fault_counts.sweep),
 )
 
 

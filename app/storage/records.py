@@ -1,11 +1,11 @@
-"""The tables of what was done: the audit trail, work under way, and studies being made."""
+"""The tables of what was done: the audit trail, work under way, studies being made, and faults."""
 
 from __future__ import annotations
 
 from datetime import datetime
 from typing import Any
 
-from sqlalchemy import CheckConstraint, ForeignKey, Index, String, Text
+from sqlalchemy import CheckConstraint, ForeignKey, Index, String, Text, UniqueConstraint
 from sqlalchemy.orm import Mapped, mapped_column
 
 from .tables import Base, one_of
@@ -72,3 +72,22 @@ class StudyDraft(Base):
     name: Mapped[str] = mapped_column(String(100))
     created_at: Mapped[datetime]
     changed_at: Mapped[datetime]
+
+
+class FaultCount(Base):
+    """How often something of ours failed in a study within an hour: a count, and nobody's data."""
+
+    __tablename__ = "fault_counts"
+    __table_args__ = (
+        UniqueConstraint("study_id", "kind", "hour"),
+        CheckConstraint("number > 0", name="number"),
+    )
+
+    id: Mapped[int] = mapped_column(primary_key=True)
+    study_id: Mapped[int] = mapped_column(ForeignKey("studies.id", ondelete="CASCADE"))
+    # What failed: a page, a call, a video, the database.
+    kind: Mapped[str] = mapped_column(String(20))
+    # The beginning of the hour.
+    hour: Mapped[datetime]
+    number: Mapped[int]
+    last_at: Mapped[datetime]

@@ -207,6 +207,17 @@ STORED: Mapping[str, Stored] = {
             "deleted_at": "On which day; not at which moment, which could be matched.",
         },
     ),
+    "fault_counts": Stored(
+        Whose.COUNT,
+        {
+            "id": _ID,
+            "study_id": _ID,
+            "kind": "What failed, such as a page or a video.",
+            "hour": "In which hour.",
+            "number": "How often: whether those who run the study have to do something.",
+            "last_at": "When last, to find it in the server's log.",
+        },
+    ),
     "studies": Stored(
         Whose.STUDY,
         {

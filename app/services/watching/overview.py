@@ -16,6 +16,7 @@ from app.study.reward import Reward
 from .conditions import ConditionLine, conditions
 from .funnel import Step, funnel
 from .stamp import stamp
+from .troubles import Trouble, troubles
 
 
 @dataclass(frozen=True)
@@ -38,6 +39,7 @@ class Overview:
     sessions: Sequence[SessionLine]
     minutes: float | None
     pay: Pay | None
+    troubles: Sequence[Trouble]
 
 
 def modes_of(mode: str) -> tuple[str, ...]:
@@ -67,6 +69,7 @@ def overview(studio: Studio, study: StudyInfo, mode: str) -> Overview:
         sessions=lines,
         minutes=minutes,
         pay=None if reward is None else _pay(reward, minutes),
+        troubles=troubles(studio, study),
     )
 
 

@@ -13,6 +13,7 @@ from sqlalchemy import case, func, select
 
 from app.services.studio import Studio
 from app.storage.arrivals import Tombstone
+from app.storage.records import FaultCount
 from app.storage.tables import SessionRow, Study
 
 
@@ -43,4 +44,9 @@ def stamp(studio: Studio, study_id: int, modes: Sequence[str], lease_minutes: in
                 Tombstone.study_id == study_id, Tombstone.mode.in_(modes)
             )
         )
-    return hashlib.sha256(repr((status, sessions, deleted)).encode()).hexdigest()[:16]
+        faults = session.execute(
+            select(func.sum(FaultCount.number), func.max(FaultCount.last_at)).where(
+                FaultCount.study_id == study_id
+            )
+        ).one()
+    return hashlib.sha256(repr((status, sessions, deleted, faults)).encode()).hexdigest()[:16]

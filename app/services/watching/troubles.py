@@ -1,0 +1,168 @@
+"""What went wrong in a study of late: in sentences, with when, how often, and what to do."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from datetime import datetime, timedelta
+
+from sqlalchemy import func, select
+from sqlalchemy.orm import Session
+
+from app.services import crowding, jobs
+from app.services.fault_counts import Kind
+from app.services.studies import StudyInfo
+from app.services.studio import Studio
+from app.storage.records import FaultCount, Job
+from app.storage.tables import QueryRow, SessionRow, Trial
+
+#: What is older has been seen, or does not come again.
+SHOWN = timedelta(days=7)
+#: How a query is called in the record where no model could be fitted.
+_NO_FIT = "random-fallback"
+#: More jobs that failed tell nothing more.
+_MOST_JOBS = 3
+
+
+@dataclass(frozen=True)
+class Trouble:
+    """One kind of fault: what happened, how often, when last, and what can be done."""
+
+    name: str
+    said: str
+    last_at: datetime
+    advice: str
+
+
+_LOOK = "The server's log says why: look for errors at this time, or ask whoever runs the server."
+
+
+@dataclass(frozen=True)
+class _Said:
+    """How a kind of fault is told: so many of what, what became of them, and what to do."""
+
+    noun: str
+    became: str
+    advice: str
+
+
+_SAID = {
+    Kind.PAGE: _Said(
+        "page",
+        "of participants failed. They were told so, and how to come back.",
+        _LOOK,
+    ),
+    Kind.CALL: _Said(
+        "request",
+        "of participants failed. Their pages send answers again until they are kept.",
+        _LOOK,
+    ),
+    Kind.VIDEO: _Said(
+        "video",
+        "could not be sent. Another pair is shown where a video does not come.",
+        f"Most often the disk is full, or a store of recordings is away. {_LOOK}",
+    ),
+    Kind.DATABASE: _Said(
+        "request",
+        "came while the database was full, locked or away.",
+        "See that the server's disk has room, and that its database runs. Nothing that was"
+        " acknowledged is lost.",
+    ),
+    Kind.CROWDED: _Said(
+        "request",
+        "of newcomers came when too many had begun and answered nothing. They were told when to"
+        " come back.",
+        "If so many people did come, have PBPO_BEGUN_PER_HOUR raised. If not, a program may be"
+        " beginning sessions: single-use links keep it out.",
+    ),
+}
+
+
+def troubles(studio: Studio, study: StudyInfo) -> list[Trouble]:
+    """What went wrong within the last days, the latest first."""
+    studio.faults.write(studio)
+    since = studio.now() - SHOWN
+    with studio.database.read() as session:
+        found = [
+            *_counted(session, study.id, since),
+            *_set_aside(session, study.id, since),
+            *_unfitted(session, study.id, since),
+            *_failed_jobs(session, study.id, since),
+        ]
+    return sorted(found, key=lambda trouble: trouble.last_at, reverse=True)
+
+
+def _counted(session: Session, study_id: int, since: datetime) -> Iterator[Trouble]:
+    rows = session.execute(
+        select(FaultCount.kind, func.sum(FaultCount.number), func.max(FaultCount.last_at))
+        .where(FaultCount.study_id == study_id, FaultCount.last_at > since)
+        .group_by(FaultCount.kind)
+    )
+    for kind, number, last_at in rows:
+        told = _SAID[Kind(kind)]
+        yield Trouble(kind, f"{_times(number, told.noun)} {told.became}", last_at, told.advice)
+
+
+def _set_aside(session: Session, study_id: int, since: datetime) -> Iterator[Trouble]:
+    number, last_at = session.execute(
+        select(func.count(QueryRow.id), func.max(QueryRow.set_aside_at))
+        .join(Trial, QueryRow.trial_id == Trial.id)
+        .join(SessionRow, Trial.session_id == SessionRow.id)
+        .where(
+            SessionRow.study_id == study_id,
+            SessionRow.mode.in_(crowding.MODES),
+            SessionRow.last_seen_at > since,
+            QueryRow.set_aside_at > since,
+        )
+    ).one()
+    if last_at is not None:
+        yield Trouble(
+            "set-aside",
+            f"{_times(number, 'pair')} did not play and made way for another.",
+            last_at,
+            "The table of faults, in the data, names the videos. One that comes up again and again"
+            " may be damaged; many at once speak of a slow line.",
+        )
+
+
+def _unfitted(session: Session, study_id: int, since: datetime) -> Iterator[Trouble]:
+    number, last_at = session.execute(
+        select(func.count(QueryRow.id), func.max(QueryRow.created_at))
+        .join(Trial, QueryRow.trial_id == Trial.id)
+        .join(SessionRow, Trial.session_id == SessionRow.id)
+        .where(
+            SessionRow.study_id == study_id,
+            SessionRow.last_seen_at > since,
+            QueryRow.created_at > since,
+            QueryRow.acquisition == _NO_FIT,
+        )
+    ).one()
+    if last_at is not None:
+        yield Trouble(
+            "no-fit",
+            f"{_times(number, 'pair')} had to be drawn at random, since no model could be fitted.",
+            last_at,
+            "The study goes on. In the data such queries have the acquisition random-fallback."
+            " Look at the settings of its conditions: the length scale first.",
+        )
+
+
+def _failed_jobs(session: Session, study_id: int, since: datetime) -> Iterator[Trouble]:
+    failed = session.scalars(
+        select(Job)
+        .where(Job.study_id == study_id, Job.state == jobs.FAILED, Job.ended_at > since)
+        .order_by(Job.ended_at.desc())
+        .limit(_MOST_JOBS)
+    )
+    for job in failed:
+        if job.ended_at is not None:
+            yield Trouble(
+                "job",
+                f"Work that was asked for ({job.kind}) failed: {job.message}.",
+                job.ended_at,
+                "Ask for it again. If it fails again, the server's log says more.",
+            )
+
+
+def _times(number: int, noun: str) -> str:
+    return f"One {noun}" if number == 1 else f"{number:,} {noun}s"

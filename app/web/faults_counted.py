@@ -1,0 +1,80 @@
+"""Notices what fails while people take part, so that those who run the study learn of it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from starlette.concurrency import run_in_threadpool
+from starlette.datastructures import Headers
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from app.services.fault_counts import Kind, Where
+from app.services.studio import Studio
+
+from .security import bearer
+
+#: With which a page says whose call it is.
+_STUDY_HEADER = "PBPO-Study"
+_SERVER_FAULT = 500
+_UNAVAILABLE = 503
+_TOO_MANY = 429
+_STARTS = "/api/v1/studies/{slug}/sessions"
+
+
+class FaultsCounted:
+    """Counts the answers to people who take part, and to their programs, that say "failed"."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self._app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        status = _SERVER_FAULT
+
+        async def send_and_look(message: Message) -> None:
+            nonlocal status
+            if message["type"] == "http.response.start":
+                status = message["status"]
+            await send(message)
+
+        try:
+            await self._app(scope, receive, send_and_look)
+        except Exception:
+            await _count(scope, _SERVER_FAULT)
+            raise
+        await _count(scope, status)
+
+
+async def _count(scope: Scope, status: int) -> None:
+    if scope["type"] != "http" or status < _TOO_MANY:
+        return
+    kind = _kind(str(getattr(scope.get("route"), "path", "")), status)
+    where = _where(scope) if kind is not None else None
+    if kind is not None and where is not None:
+        studio: Studio = scope["app"].state.studio
+        await run_in_threadpool(studio.faults.count, studio, kind, where)
+
+
+def _kind(route: str, status: int) -> Kind | None:
+    """What failed, where it is somebody who takes part that it failed for."""
+    is_page = route.startswith("/s/{slug}")
+    is_call = route.startswith("/api/v1/session") or route == _STARTS
+    is_video = route.startswith("/media/")
+    if status == _TOO_MANY:
+        return Kind.CROWDED if is_page or is_call else None
+    if status < _SERVER_FAULT or not (is_page or is_call or is_video):
+        return None
+    if is_video:
+        return Kind.VIDEO
+    if status == _UNAVAILABLE:
+        return Kind.DATABASE
+    return Kind.PAGE if is_page else Kind.CALL
+
+
+def _where(scope: Scope) -> Where | None:
+    named: dict[str, Any] = scope.get("path_params", {})
+    headers = Headers(scope=scope)
+    return Where.of(
+        named.get("slug") or headers.get(_STUDY_HEADER),
+        bearer(headers.get("authorization")),
+        named.get("public_id"),
+    )

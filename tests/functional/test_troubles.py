@@ -1,0 +1,206 @@
+"""What fails while people take part is told on the study's page, in plain words."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from datetime import timedelta
+from typing import Any
+
+import pytest
+from sqlalchemy import func, select
+from sqlalchemy.exc import OperationalError
+
+from app.services import fault_counts, participation
+from app.services.accounts import Role
+from app.services.fault_counts import FaultCounts, Kind, Where
+from app.services.studies import StudyInfo
+from app.services.studio import Studio
+from app.services.watching.stamp import stamp
+from app.services.watching.troubles import troubles
+from app.storage.records import FaultCount, Job
+from app.storage.tables import QueryRow
+from tests.conftest import Clock
+
+from .client import Api
+from .desk import Desk
+
+DAY = 24 * 3600.0
+SHORT = Where(slug="short")
+
+
+@pytest.fixture
+def desk(short_study: StudyInfo, client: Api, studio: Studio) -> Desk:
+    return Desk(client, studio, "ada@lab.example", Role.ADMIN)
+
+
+def told(desk: Desk) -> dict[str, str]:
+    """What the study's page says of each kind of fault."""
+    page = desk.get("/studies/short").text
+    found = re.findall(r'<li data-trouble="([\w-]+)">(.*?)</li>', page, re.DOTALL)
+    return {kind: " ".join(re.sub("<[^>]+>", " ", said).split()) for kind, said in found}
+
+
+@contextmanager
+def failing(monkeypatch: pytest.MonkeyPatch, error: Exception) -> Iterator[None]:
+    """Whoever asks where a session is meets this error."""
+
+    def fail(*_: Any) -> Any:
+        raise error
+
+    with monkeypatch.context() as patch:
+        patch.setattr(participation, "current", fail)
+        yield
+
+
+def test_a_page_and_a_call_that_fail_are_told_with_how_often_when_and_what_to_do(
+    desk: Desk, client: Api, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert told(desk) == {}
+    session = client.start()
+    client.cookies.set("pbpo_session_short", session.token)
+    with failing(monkeypatch, RuntimeError("not for their eyes")):
+        for _ in range(2):
+            assert client.get("/s/short").status_code == 500
+        # The server's outermost layer makes an answer of it.
+        with pytest.raises(RuntimeError):
+            client.get("/api/v1/session", headers=session.headers)
+    said = told(desk)
+    assert said.keys() == {"page", "call"}
+    assert said["page"].startswith("2 pages of participants failed.")
+    assert "Last: 2026-03-01 09:00" in said["page"]
+    assert said["call"].startswith("One request of participants failed.")
+    assert "The server's log says why" in said["call"].replace("&#39;", "'")
+    assert "not for their eyes" not in desk.get("/studies/short").text
+
+
+def test_a_database_that_is_away_is_told_once_it_is_back(
+    desk: Desk, client: Api, monkeypatch: pytest.MonkeyPatch, studio: Studio
+) -> None:
+    session = client.start()
+    away = OperationalError("SELECT 1", {}, Exception("disk is full"))
+
+    def refuse(_: Any) -> Any:
+        raise away
+
+    with failing(monkeypatch, away), monkeypatch.context() as patch:
+        patch.setattr(type(studio.database), "write", refuse)
+        answer = client.get("/api/v1/session", headers=session.headers)
+        assert answer.status_code == 503
+    said = told(desk)
+    assert said["database"].startswith("One request came while the database was full")
+    # What was kept in memory meanwhile is written once.
+    assert told(desk) == said
+
+
+def test_a_video_that_cannot_be_made_is_told(
+    desk: Desk, client: Api, studio: Studio, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    url = client.start().to_first_query().state["query"]["left"]["url"]
+
+    def fail(*_: Any, **_more: Any) -> Any:
+        raise OSError("no space left on device")
+
+    monkeypatch.setattr(studio.recordings, "ensure", fail)
+    with pytest.raises(OSError, match="no space left"):
+        client.get(url)
+    assert told(desk)["video"].startswith("One video could not be sent.")
+
+
+def test_newcomers_who_were_turned_away_are_told(desk: Desk, client: Api, studio: Studio) -> None:
+    settings = studio.settings.model_copy(update={"begun_per_hour": 1})
+    object.__setattr__(studio, "settings", settings)
+    client.cookies.clear()
+    client.start()
+    assert client.get("/s/short").status_code == 429
+    assert client.post("/api/v1/studies/short/sessions", json={}).status_code == 429
+    assert told(desk)["crowded"].startswith("2 requests of newcomers")
+
+
+def test_what_people_and_models_met_is_told_from_what_is_stored(
+    desk: Desk, client: Api, studio: Studio, short_study: StudyInfo
+) -> None:
+    session = client.start().to_first_query()
+    session.call("faults", {"query_id": session.state["query"]["id"], "reason": "left: failed"})
+    with studio.database.write() as writing:
+        writing.scalars(select(QueryRow)).first().acquisition = "random-fallback"  # type: ignore[union-attr]
+        writing.add(
+            Job(
+                public_id="j",
+                study_id=short_study.id,
+                kind="simulate",
+                state="failed",
+                done=0,
+                total=1,
+                request={},
+                message="its process ended before its time (status -9)",
+                created_at=studio.now(),
+                ended_at=studio.now(),
+            )
+        )
+    said = told(desk)
+    assert said["set-aside"].startswith("One pair did not play and made way for another.")
+    assert said["no-fit"].startswith("One pair had to be drawn at random")
+    assert "(simulate) failed: its process ended before its time (status -9)." in said["job"]
+
+
+def test_what_is_a_persons_own_mistake_is_no_fault(desk: Desk, client: Api) -> None:
+    session = client.start()
+    assert client.get("/s/short/no-such-page").status_code == 404
+    assert session.call("consent", {"version": "old"}).status_code == 409
+    assert session.call("responses", {}).status_code == 422
+    assert told(desk) == {}
+
+
+def test_faults_are_told_to_who_may_see_the_data_and_to_nobody_else(
+    desk: Desk, client: Api, studio: Studio
+) -> None:
+    studio.faults.count(studio, Kind.PAGE, SHORT)
+    reviewer = Desk(client, studio, "rev@board.example", Role.REVIEWER)
+    answer = reviewer.get("/studies/short")
+    assert answer.headers["location"] == "/studies/short/plan"
+    assert "went wrong" not in reviewer.get("/studies/short/plan").text
+    assert "went wrong" in desk.get("/studies/short").text
+
+
+def test_counts_are_one_row_an_hour_and_are_gone_after_a_month(
+    studio: Studio, short_study: StudyInfo, clock: Clock
+) -> None:
+    for seconds in (0, 60, 3600):
+        clock.forward(seconds)
+        studio.faults.count(studio, Kind.CALL, SHORT)
+    studio.faults.write(studio)
+    with studio.database.read() as session:
+        found = session.execute(
+            select(FaultCount.number, FaultCount.last_at).order_by(FaultCount.hour)
+        ).all()
+    assert [number for number, _ in found] == [2, 1]
+    assert found[0].last_at == clock.now() - timedelta(hours=1)
+    (trouble,) = troubles(studio, short_study)
+    assert trouble.said.startswith("3 requests")
+    clock.forward(7 * DAY)
+    assert troubles(studio, short_study) == []
+    clock.forward(23 * DAY)
+    assert fault_counts.sweep(studio) == 2
+
+
+def test_an_open_page_learns_of_a_fault(studio: Studio, short_study: StudyInfo) -> None:
+    before = stamp(studio, short_study.id, ["live"], 30)
+    studio.faults.count(studio, Kind.PAGE, SHORT)
+    assert stamp(studio, short_study.id, ["live"], 30) != before
+
+
+def test_a_flood_is_written_once_and_what_belongs_to_no_study_not_at_all(
+    studio: Studio, short_study: StudyInfo
+) -> None:
+    counts = FaultCounts()
+    for _ in range(50):
+        counts.count(studio, Kind.CALL, SHORT)
+    with studio.database.read() as session:
+        assert session.scalar(select(func.sum(FaultCount.number))) == 1
+    counts.count(studio, Kind.CALL, Where(slug="gone"))
+    counts.count(studio, Kind.VIDEO, Where(recording="gone"))
+    counts.write(studio)
+    with studio.database.read() as session:
+        assert session.scalar(select(func.sum(FaultCount.number))) == 50

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from functools import lru_cache
 from typing import Any
 
-from sqlalchemy import select
+from sqlalchemy import bindparam, select
 from sqlalchemy.orm import Session, object_session
 
 from app.storage.tables import Event, PlanVersion, SessionRow
@@ -15,6 +15,15 @@ from app.study.protocol import FINAL_STAGES, Stage
 
 #: Trial and query of an event that belongs to none.
 NO_TRIAL = -1
+
+
+#: Made once: it is asked with every request of an evaluator's.
+_NEWEST = (
+    select(PlanVersion.id)
+    .where(PlanVersion.study_id == bindparam("study_id"))
+    .order_by(PlanVersion.version.desc())
+    .limit(1)
+)
 
 
 @lru_cache(maxsize=256)
@@ -36,12 +45,7 @@ def due(session: Session, row: SessionRow) -> PlanVersion | None:
     """
     if row.stage in FINAL_STAGES:
         return None
-    newest = session.scalar(
-        select(PlanVersion.id)
-        .where(PlanVersion.study_id == row.study_id)
-        .order_by(PlanVersion.version.desc())
-        .limit(1)
-    )
+    newest = session.scalar(_NEWEST, {"study_id": row.study_id})
     if newest == row.plan_id:
         return None
     version = session.get_one(PlanVersion, newest)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from sqlalchemy import func, select
+from sqlalchemy import Select, bindparam, func, select
 from sqlalchemy.orm import Session, contains_eager, joinedload
 
 from app.storage.tables import Event, QueryRow, Response, SessionRow, Trial, UndoneResponse
@@ -61,12 +61,7 @@ def trial_in_hand(row: SessionRow, trial_index: int, seed: int) -> TrialInHand:
 
 def find(session: Session, row: SessionRow, public_id: str) -> QueryRow:
     """The query that this session's browser knows as `public_id`, with its trial and response."""
-    query = session.scalar(
-        select(QueryRow)
-        .join(Trial, QueryRow.trial_id == Trial.id)
-        .where(QueryRow.public_id == public_id, Trial.session_id == row.id)
-        .options(contains_eager(QueryRow.trial), joinedload(QueryRow.response))
-    )
+    query = session.scalar(_FIND, {"public_id": public_id, "session_id": row.id})
     if query is None:
         if row.stage not in ANSWERED:
             raise protocol.OutOfOrder(Stage(row.stage), "no query is open")
@@ -76,15 +71,8 @@ def find(session: Session, row: SessionRow, public_id: str) -> QueryRow:
 
 def standing_at(session: Session, trial_id: int, query_index: int) -> QueryRow:
     """The query at this place of a trial that was not set aside, with its recordings."""
-    return session.scalars(
-        select(QueryRow)
-        .where(
-            QueryRow.trial_id == trial_id,
-            QueryRow.query_index == query_index,
-            QueryRow.set_aside_at.is_(None),
-        )
-        .options(joinedload(QueryRow.left_recording), joinedload(QueryRow.right_recording))
-    ).one()
+    place = {"trial_id": trial_id, "query_index": query_index}
+    return session.scalars(_STANDING_AT, place).one()
 
 
 def was_undone(session: Session, query: QueryRow) -> bool:
@@ -95,12 +83,7 @@ def was_undone(session: Session, query: QueryRow) -> bool:
 
 def read_record(session: Session, trial_id: int) -> Record:
     """The answered queries of one trial, in order."""
-    rows: Iterable[Any] = session.execute(
-        select(*_SHOWN, Response.response)
-        .join(Response, Response.query_id == QueryRow.id)
-        .where(QueryRow.trial_id == trial_id)
-        .order_by(QueryRow.query_index)
-    )
+    rows: Iterable[Any] = session.execute(_RECORD, {"trial_id": trial_id})
     return tuple(Shown(*row) for row in rows)
 
 
@@ -153,4 +136,29 @@ _SHOWN: tuple[Any, ...] = (
     QueryRow.acquisition,
     QueryRow.engine_version,
     QueryRow.repeats_query_index,
+)
+
+# Made once: what is asked with every response takes as long to be put together as to be answered.
+_FIND = (
+    select(QueryRow)
+    .join(Trial, QueryRow.trial_id == Trial.id)
+    .where(
+        QueryRow.public_id == bindparam("public_id"), Trial.session_id == bindparam("session_id")
+    )
+    .options(contains_eager(QueryRow.trial), joinedload(QueryRow.response))
+)
+_STANDING_AT = (
+    select(QueryRow)
+    .where(
+        QueryRow.trial_id == bindparam("trial_id"),
+        QueryRow.query_index == bindparam("query_index"),
+        QueryRow.set_aside_at.is_(None),
+    )
+    .options(joinedload(QueryRow.left_recording), joinedload(QueryRow.right_recording))
+)
+_RECORD: Select[Any] = (
+    select(*_SHOWN, Response.response)
+    .join(Response, Response.query_id == QueryRow.id)
+    .where(QueryRow.trial_id == bindparam("trial_id"))
+    .order_by(QueryRow.query_index)
 )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from sqlalchemy import select
+from sqlalchemy import bindparam, select
 from sqlalchemy.orm import Session, joinedload, selectinload
 
 from app.storage.arrivals import Reentry
@@ -25,18 +25,10 @@ def find(
     even_expired: bool = False,
 ) -> SessionRow:
     """The session of this token. Raises SignInRequiredError, or SessionExpiredError."""
-    hashed = secret_hash(token)
-    statement = select(SessionRow).options(
-        selectinload(SessionRow.trials),
-        joinedload(SessionRow.plan),
-        joinedload(SessionRow.study),
-    )
-    if to_write:
-        statement = statement.with_for_update(of=SessionRow)
-    row = session.scalar(statement.where(SessionRow.token_hash == hashed))
+    hashed = {"hashed": secret_hash(token)}
+    row = session.scalar(_TO_WRITE if to_write else _TO_READ, hashed)
     if row is None:
-        came_back = select(Reentry.session_id).where(Reentry.token_hash == hashed)
-        row = session.scalar(statement.where(SessionRow.id.in_(came_back)))
+        row = session.scalar(_CAME_BACK_TO_WRITE if to_write else _CAME_BACK_TO_READ, hashed)
     if row is None:
         raise SignInRequiredError("expected the token of a session, got one that nobody was given")
     open_still = row.stage not in session_state.ENDED
@@ -65,3 +57,17 @@ def advance(studio: Studio, row: SessionRow, event: protocol.Event) -> None:
     row.last_seen_at = studio.now()
     if row.stage in session_state.ENDED:
         row.ended_at = studio.now()
+
+
+# Made once: what is asked with every request takes as long to be put together as to be answered.
+_WITH_ITS_STUDY = select(SessionRow).options(
+    selectinload(SessionRow.trials),
+    joinedload(SessionRow.plan),
+    joinedload(SessionRow.study),
+)
+_TO_READ = _WITH_ITS_STUDY.where(SessionRow.token_hash == bindparam("hashed"))
+_TO_WRITE = _TO_READ.with_for_update(of=SessionRow)
+_CAME_BACK_TO_READ = _WITH_ITS_STUDY.where(
+    SessionRow.id.in_(select(Reentry.session_id).where(Reentry.token_hash == bindparam("hashed")))
+)
+_CAME_BACK_TO_WRITE = _CAME_BACK_TO_READ.with_for_update(of=SessionRow)

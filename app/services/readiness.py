@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import tempfile
+from collections.abc import Iterator
 from pathlib import Path
 
-from prometheus_client import CollectorRegistry, Gauge, generate_latest
+from prometheus_client import CollectorRegistry, generate_latest
+from prometheus_client.core import GaugeMetricFamily
+from prometheus_client.registry import Collector
 from sqlalchemy import func, select
 from sqlalchemy.exc import SQLAlchemyError
 
@@ -30,27 +33,41 @@ def faults(studio: Studio) -> list[str]:
 
 
 def metrics(studio: Studio) -> bytes:
-    """All that is measured, with the number of sessions in each stage as the database has them."""
+    """All that is measured, with what the database knows of all servers together."""
     registry = CollectorRegistry()
-    sessions = Gauge(
-        "pbpo_sessions", "Sessions that are kept, by stage.", ["mode", "stage"], registry=registry
-    )
-    if (queue := studio.background.queue()) is not None:
-        renders = Gauge(*RENDER_QUEUE, registry=registry)
-        renders.labels("waiting").set(queue.waiting)
-        renders.labels("running").set(queue.running)
-        Gauge("pbpo_workers", "Workers that were heard of just now.", registry=registry).set(
-            queue.workers
-        )
-    with studio.database.read() as session:
-        counted = session.execute(
-            select(SessionRow.mode, SessionRow.stage, func.count(SessionRow.id)).group_by(
-                SessionRow.mode, SessionRow.stage
-            )
-        )
-        for mode, stage, number in counted:
-            sessions.labels(mode, stage).set(number)
+    registry.register(_InDatabase(studio))
     return studio.measurements.as_text() + generate_latest(registry)
+
+
+class _InDatabase(Collector):
+    """What is read when it is asked for: a gauge would be added up over worker processes."""
+
+    def __init__(self, studio: Studio) -> None:
+        self._studio = studio
+
+    def collect(self) -> Iterator[GaugeMetricFamily]:
+        sessions = GaugeMetricFamily(
+            "pbpo_sessions", "Sessions that are kept, by stage.", labels=["mode", "stage"]
+        )
+        with self._studio.database.read() as session:
+            counted = session.execute(
+                select(SessionRow.mode, SessionRow.stage, func.count(SessionRow.id)).group_by(
+                    SessionRow.mode, SessionRow.stage
+                )
+            )
+            for mode, stage, number in counted:
+                sessions.add_metric([mode, stage], number)
+        yield sessions
+        if (queue := self._studio.background.queue()) is None:
+            return
+        name, meaning, labels = RENDER_QUEUE
+        renders = GaugeMetricFamily(name, meaning, labels=labels)
+        renders.add_metric(["waiting"], queue.waiting)
+        renders.add_metric(["running"], queue.running)
+        yield renders
+        yield GaugeMetricFamily(
+            "pbpo_workers", "Workers that were heard of just now.", value=queue.workers
+        )
 
 
 def _database_fault(studio: Studio) -> str | None:

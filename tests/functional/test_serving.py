@@ -138,6 +138,8 @@ def test_several_workers_serve_one_database_and_count_together(
             text = httpx.get(
                 f"{served.url}/metrics", headers={"Authorization": f"Bearer {TOKEN}"}
             ).text
+            # Each number is there once, and is that of all workers.
+            assert 'pid="' not in text
             name = 'pbpo_responses_total{response="left"} '
             return sum(
                 float(line.removeprefix(name))

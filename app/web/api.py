@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from fastapi import APIRouter, Response
+from fastapi import APIRouter, Depends, Response
 
 from app.services import access, admission, answers, participation, questionnaires, withdrawal
 from app.services.access import Right
@@ -14,6 +14,7 @@ from app.services.tokens import receipt_code
 from app.services.undoing import undo
 from app.study.stages import Device
 
+from .bearers import EXPERIMENTER, SESSION, short_id
 from .problems import refusals
 from .schemas import (
     Answers,
@@ -24,25 +25,33 @@ from .schemas import (
     Leave,
     ReportFault,
     Respond,
-    SessionState,
-    Started,
     StartSession,
     Undo,
     Watched,
 )
 from .security import MaybeExperimenterDep, SessionToken, StudioDep
+from .state_schema import SessionState, Started
 
 State = dict[str, Any]
 
-
-router = APIRouter(prefix="/api/v1", tags=["session"])
+router = APIRouter(prefix="/api/v1", tags=["session"], generate_unique_id_function=short_id)
+#: What they answer with: what does not apply is left out.
+STATE: Any = {"response_model": SessionState, "response_model_exclude_unset": True}
+#: The calls of a session, with its token.
+of_session = APIRouter(
+    prefix="/session", dependencies=[Depends(SESSION)], generate_unique_id_function=short_id
+)
 
 
 @router.post(
     "/studies/{slug}/sessions",
     status_code=201,
     response_model=Started,
-    responses=refusals(403, 404, 409, 422, 429),
+    response_model_exclude_unset=True,
+    dependencies=[Depends(EXPERIMENTER)],
+    responses=refusals(403, 404, 409, 429, body=True),
+    # A token is needed for a simulated session only.
+    openapi_extra={"security": [{}]},
 )
 def start_session(
     slug: str, body: StartSession, studio: StudioDep, caller: MaybeExperimenterDep
@@ -60,26 +69,26 @@ def start_session(
     return {"token": token, "receipt": receipt_code(token), "session": state}
 
 
-@router.post("/studies/{slug}/deletions", status_code=204, responses=refusals(404, 422))
+@router.post("/studies/{slug}/deletions", status_code=204, responses=refusals(404, body=True))
 def delete_by_receipt(slug: str, body: AskForDeletion, studio: StudioDep) -> None:
     """Delete what the holder of a receipt gave: without an account, at any time."""
     withdrawal.delete_by_receipt(studio, slug, body.receipt)
 
 
-@router.get("/session", response_model=SessionState, responses=refusals(401))
+@of_session.get("", responses=refusals(401), **STATE)
 def get_session(studio: StudioDep, token: SessionToken, response: Response) -> State:
     """Where the session is."""
     response.headers["Cache-Control"] = "no-store"
     return participation.current(studio, token)
 
 
-@router.post("/session/consent", response_model=SessionState, responses=refusals(401, 409, 422))
+@of_session.post("/consent", responses=refusals(401, 409, body=True), **STATE)
 def give_consent(body: GiveConsent, studio: StudioDep, token: SessionToken) -> State:
     """Agree to the consent of this version."""
     return participation.consent(studio, token, body.version)
 
 
-@router.post("/session/continue", response_model=SessionState, responses=refusals(401, 409, 422))
+@of_session.post("/continue", responses=refusals(401, 409, body=True), **STATE)
 def go_on(studio: StudioDep, token: SessionToken, body: GoOn | None = None) -> State:
     """Leave a page that only has to be left. The device check wants what was measured."""
     measured = body.device if body is not None else None
@@ -87,31 +96,25 @@ def go_on(studio: StudioDep, token: SessionToken, body: GoOn | None = None) -> S
     return participation.go_on(studio, token, device)
 
 
-@router.post("/session/screen-out", response_model=SessionState, responses=refusals(401, 409))
+@of_session.post("/screen-out", responses=refusals(401, 409), **STATE)
 def screen_out(studio: StudioDep, token: SessionToken) -> State:
     """Leave the device check for good: the person has no device that passes it."""
     return participation.screen_out(studio, token)
 
 
-@router.post(
-    "/session/watched", response_model=SessionState, responses=refusals(401, 404, 409, 422)
-)
+@of_session.post("/watched", responses=refusals(401, 404, 409, body=True), **STATE)
 def watched(body: Watched, studio: StudioDep, token: SessionToken) -> State:
     """A video of the familiarisation was watched to its end. The same again changes nothing."""
     return participation.watch(studio, token, body.index)
 
 
-@router.post(
-    "/session/questionnaire", response_model=SessionState, responses=refusals(401, 409, 422)
-)
+@of_session.post("/questionnaire", responses=refusals(401, 409, body=True), **STATE)
 def answer_questionnaire(body: Answers, studio: StudioDep, token: SessionToken) -> State:
     """Answer all items of the open questionnaire. 422 names every answer that cannot be taken."""
     return questionnaires.answer(studio, token, body.answers)
 
 
-@router.post(
-    "/session/responses", response_model=SessionState, responses=refusals(401, 404, 409, 422)
-)
+@of_session.post("/responses", responses=refusals(401, 404, 409, body=True), **STATE)
 def respond(body: Respond, studio: StudioDep, token: SessionToken) -> State:
     """Answer the open query. The same again changes nothing."""
     happenings = _happenings(body.events)
@@ -127,25 +130,28 @@ def respond(body: Respond, studio: StudioDep, token: SessionToken) -> State:
     return answers.respond(studio, token, answer)
 
 
-@router.post("/session/undo", response_model=SessionState, responses=refusals(401, 404, 409, 422))
+@of_session.post("/undo", responses=refusals(401, 404, 409, body=True), **STATE)
 def undo_response(body: Undo, studio: StudioDep, token: SessionToken) -> State:
     """Take a response back, while the study lets one."""
     return undo(studio, token, body.query_id)
 
 
-@router.post("/session/faults", response_model=SessionState, responses=refusals(401, 404, 409, 422))
+@of_session.post("/faults", responses=refusals(401, 404, 409, body=True), **STATE)
 def report_fault(body: ReportFault, studio: StudioDep, token: SessionToken) -> State:
     """Say that a video of the open query did not play: another one takes its place."""
     report = FaultReport(body.query_id, body.reason, _happenings(body.events))
     return answers.report_fault(studio, token, report)
 
 
-@router.post("/session/withdraw", response_model=SessionState, responses=refusals(401, 409, 422))
+@of_session.post("/withdraw", responses=refusals(401, 409, body=True), **STATE)
 def withdraw(studio: StudioDep, token: SessionToken, body: Leave | None = None) -> State:
     """Stop. Before consent this declines. With `delete` the session is gone afterwards."""
     if body is not None and body.delete:
         return withdrawal.withdraw_and_delete(studio, token)
     return withdrawal.withdraw(studio, token)
+
+
+router.include_router(of_session)
 
 
 def _happenings(events: list[Happened]) -> list[Happening]:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Generator
 from datetime import date
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import anyio
-from fastapi import APIRouter, Depends, Query
+from fastapi import APIRouter, Depends, Path, Query
 from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import StreamingResponse
 from starlette.types import Receive, Scope, Send
@@ -21,10 +21,16 @@ from app.services.quality import Flag
 from app.services.studies import StudyInfo
 from app.services.studio import Studio
 
+from .bearers import EXPERIMENTER, short_id
 from .problems import refusals
 from .security import POLICY, ExperimenterDep, StudioDep
 
-router = APIRouter(prefix="/api/v1/studies/{slug}", tags=["export"])
+router = APIRouter(
+    prefix="/api/v1/studies/{slug}",
+    tags=["export"],
+    dependencies=[Depends(EXPERIMENTER)],
+    generate_unique_id_function=short_id,
+)
 
 Mode = Literal["live", "preview", "simulated", "all"]
 ReportForm = Literal["html", "pdf"]
@@ -79,8 +85,23 @@ class Filter:
 FilterDep = Annotated[Filter, Depends()]
 
 
+def _answers(content: dict[str, dict[str, str]]) -> dict[int | str, dict[str, Any]]:
+    """What an export may be answered with: a file of one of these types, or a refusal."""
+    types = {media_type: {"schema": schema} for media_type, schema in content.items()}
+    return {
+        200: {"description": "The file, streamed.", "content": types},
+        **refusals(401, 403, 404, 409),
+    }
+
+
+_BINARY = {"type": "string", "format": "binary"}
+_TEXT = {"type": "string"}
+
+
 @router.get(
-    "/export.zip", response_class=StreamingResponse, responses=refusals(401, 403, 404, 409, 422)
+    "/export.zip",
+    response_class=StreamingResponse,
+    responses=_answers({"application/zip": _BINARY}),
 )
 def export_zip(
     slug: str,
@@ -99,10 +120,14 @@ def export_zip(
 @router.get(
     "/export/{table}.csv",
     response_class=StreamingResponse,
-    responses=refusals(401, 403, 404, 409, 422),
+    responses=_answers({"text/csv": _TEXT}),
 )
 def export_table(
-    slug: str, table: str, studio: StudioDep, caller: ExperimenterDep, asked: FilterDep
+    slug: str,
+    table: Annotated[str, Path(json_schema_extra={"enum": list(TABLES)})],
+    studio: StudioDep,
+    caller: ExperimenterDep,
+    asked: FilterDep,
 ) -> StreamingResponse:
     """One table as CSV."""
     request = asked.of(studio, access.study_for(studio, caller, slug, Right.DATA))
@@ -123,7 +148,9 @@ def export_table(
 
 
 @router.get(
-    "/report.{form}", response_class=StreamingResponse, responses=refusals(401, 403, 404, 409, 422)
+    "/report.{form}",
+    response_class=StreamingResponse,
+    responses=_answers({"text/html": _TEXT, "application/pdf": _BINARY}),
 )
 def report(
     slug: str, form: ReportForm, studio: StudioDep, caller: ExperimenterDep, asked: FilterDep

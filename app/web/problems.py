@@ -99,10 +99,32 @@ def problem(kind: Kind, detail: str, **extra: Any) -> JSONResponse:
     return JSONResponse(body, kind.status, headers, media_type=MEDIA_TYPE)
 
 
-def refusals(*statuses: int) -> dict[int | str, dict[str, Any]]:
-    """How a route's document says that it may answer with a problem of these statuses."""
+#: What refusals of each status mean; their `type` says more.
+_MEANINGS = {
+    400: "The body could not be read.",
+    401: "No token, or none that is good any more.",
+    403: "Not allowed.",
+    404: "Not found.",
+    409: "Not possible as things stand.",
+    413: "The body is too long.",
+    422: "Not understood.",
+    429: "Too many at once: `Retry-After` says when to come back.",
+    503: "The database could not be used, and nothing was changed: the same again may succeed.",
+}
+#: What any call may come to, and any that takes a body besides.
+_ALWAYS, _WITH_BODY = (422, 503), (400, 413)
+
+
+def refusals(*statuses: int, body: bool = False) -> dict[int | str, dict[str, Any]]:
+    """How a route's document says that it may answer with a problem of these statuses.
+
+    body: whether the route takes one.
+    """
     content = {MEDIA_TYPE: {"schema": Problem.model_json_schema()}}
-    return {status: {"description": "Refused", "content": content} for status in statuses}
+    all_statuses = sorted({*statuses, *_ALWAYS, *(_WITH_BODY if body else ())})
+    return {
+        status: {"description": _MEANINGS[status], "content": content} for status in all_statuses
+    }
 
 
 def install(app: FastAPI) -> None:
@@ -199,8 +221,9 @@ async def _out_of_order(request: Request, error: Exception) -> Response:
 
 async def _http_error(request: Request, error: Exception) -> Response:
     assert isinstance(error, HTTPException)
-    names = {404: "not-found", 405: "method-not-allowed"}
-    title = {404: "Not found", 405: "Not that way"}.get(error.status_code, str(error.detail))
+    names = {400: "unreadable", 404: "not-found", 405: "method-not-allowed", 413: "too-long"}
+    titles = {400: "Not readable", 404: "Not found", 405: "Not that way", 413: "Too long"}
+    title = titles.get(error.status_code, str(error.detail))
     kind = Kind(error.status_code, names.get(error.status_code, "http"), title)
     response = _answer(request, kind, f"{error.detail}: {request.method} {request.url.path}")
     for name, value in (error.headers or {}).items():

@@ -1,8 +1,8 @@
-"""What the API takes and gives, as `/openapi.json` describes it."""
+"""What the API takes, as `/openapi.json` describes it, and how it refuses."""
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints
 
@@ -111,49 +111,12 @@ class ReportFault(_In):
     events: list[Happened] = Field(default_factory=list, max_length=1_000)
 
 
-class Progress(BaseModel):
-    trial: int
-    trials: int
-    query: int
-    queries: int
-
-
-class SessionState(BaseModel):
-    """STATE: where the session is, and what its stage shows."""
-
-    model_config = ConfigDict(extra="allow")
-
-    stage: Literal[
-        "consent",
-        "device_check",
-        "instructions",
-        "familiarisation",
-        "practice",
-        "query",
-        "questionnaire",
-        "break",
-        "debrief",
-        "completed",
-        "withdrawn",
-        "declined",
-        "screened_out",
-    ]
-    progress: Progress
-    study: dict[str, Any]
-
-
-class Started(BaseModel):
-    token: str
-    receipt: str = Field(description="With this code what was given can be deleted later.")
-    session: SessionState
-
-
 class Problem(BaseModel):
-    """RFC 9457."""
+    """A refusal, as RFC 9457 has it. Some kinds say more, such as the stage a session is in."""
 
     model_config = ConfigDict(extra="allow")
 
-    type: str
+    type: str = Field(description="Stable: programs tell one kind of refusal from another by it.")
     title: str
     status: int
-    detail: str
+    detail: str = Field(description="What was expected, and what came.")

@@ -1,0 +1,143 @@
+"""STATE, as `/openapi.json` describes it: where a session is, and what its stage shows.
+
+A key that does not stand here is not sent: what an evaluator may know is listed, not what they may
+not. Keys that do not apply are left out, never null.
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import BaseModel, Field
+
+from app.study.protocol import Stage
+
+
+class Progress(BaseModel):
+    """In numbers for people, from 1; trial 0 is before the first."""
+
+    trial: int
+    trials: int
+    query: int
+    queries: int
+
+
+class StudyInState(BaseModel):
+    slug: str
+    title: str
+    contact: str | None
+    break_s: int = Field(description="Seconds of rest between two trials.")
+    stages: list[str] = Field(description="The stages that this study has, in their order.")
+
+
+class Video(BaseModel):
+    url: str
+    duration_s: float
+
+
+class Text(BaseModel):
+    html: str
+
+
+class Consent(Text):
+    version: str = Field(description="What an agreement has to name.")
+    again: bool = Field(False, description="The text has changed since it was agreed to.")
+
+
+class DeviceCheck(BaseModel):
+    clip: Video
+    test_clip: bool = Field(description="Whether the clip has to be played.")
+    min_width_px: int | None
+    min_mbit_s: float | None
+
+
+class Familiarisation(BaseModel):
+    videos: list[Video]
+    required: int = Field(description="So many have to be watched to the end.")
+    watched: list[int] = Field(description="Places in the list, from 0.")
+    speeds: list[float]
+
+
+class Reason(BaseModel):
+    name: str
+    label: str
+
+
+class Skip(BaseModel):
+    label: str
+    reasons: list[Reason] = Field(default=[], description="One of these may be given.")
+
+
+class UndoOffer(BaseModel):
+    query_id: str
+    seconds_left: float
+
+
+class Query(BaseModel):
+    id: str
+    left: Video
+    right: Video
+    skip: Skip | None = Field(description="The skip button; null where there is none.")
+    prefetch: list[str] = Field(description="Videos that may come next, the likeliest first.")
+    practice: bool = False
+    undo: UndoOffer | None = Field(None, description="While the last response can be taken back.")
+    watch_once: bool = False
+
+
+class Item(BaseModel):
+    name: str
+    type: str
+    label: str
+    required: bool
+    points: int | None
+    labels: list[str]
+    min: float | None
+    max: float | None
+
+
+class Questionnaire(BaseModel):
+    page: Literal["trial", "end"]
+    items: list[Item]
+
+
+class Break(BaseModel):
+    ends_at: str = Field(json_schema_extra={"format": "date-time"})
+    seconds_left: int
+    next_skip: Skip | None = Field(description="The skip button of the trial that comes next.")
+
+
+class WayBack(BaseModel):
+    """To the platform that the person came from."""
+
+    code: str | None
+    url: str | None
+    platform: str | None
+    fields: dict[str, str] = Field(default={}, description="What is sent there by POST.")
+
+
+class SessionState(BaseModel):
+    """STATE: where the session is. What its stage shows stands under the stage's name."""
+
+    stage: Stage
+    progress: Progress
+    study: StudyInState
+    language: str
+    consent: Consent | None = None
+    device_check: DeviceCheck | None = None
+    instructions: Text | None = None
+    familiarisation: Familiarisation | None = None
+    query: Query | None = None
+    questionnaire: Questionnaire | None = None
+    break_: Break | None = Field(None, alias="break")
+    debrief: Text | None = None
+    completed: WayBack | None = None
+    screened_out: WayBack | None = None
+    withdrawn: WayBack | None = None
+    declined: WayBack | None = None
+    deleted: bool = Field(False, description="What the person gave is deleted.")
+
+
+class Started(BaseModel):
+    token: str
+    receipt: str = Field(description="With this code what was given can be deleted later.")
+    session: SessionState

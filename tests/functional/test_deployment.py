@@ -57,7 +57,7 @@ def test_nothing_in_the_dockerfile_is_known_to_be_unwise() -> None:
 
 
 def test_every_service_has_as_few_rights_as_it_can(compose: dict[str, Any]) -> None:
-    assert set(compose["services"]) == {"app", "backup", "postgres", "caddy"}
+    assert set(compose["services"]) == {"app", "worker", "backup", "postgres", "caddy"}
     for name, service in compose["services"].items():
         assert service["read_only"] is True, name
         assert service["cap_drop"] == ["ALL"], name

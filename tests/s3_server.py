@@ -79,6 +79,11 @@ class S3Server:
         """Method and path of each request so far."""
         return self._door.asked
 
+    def let_read(self, site: str) -> None:
+        """Let scripts of this site, and of no other, read what they have links for."""
+        rule = {"AllowedOrigins": [site], "AllowedMethods": ["GET", "HEAD"]}
+        self.client.put_bucket_cors(Bucket=BUCKET, CORSConfiguration={"CORSRules": [rule]})
+
     def forward(self, seconds: float) -> None:
         """Set the store's clock forward."""
         self._door.ahead += timedelta(seconds=seconds)

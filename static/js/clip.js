@@ -47,6 +47,8 @@ export class Clip {
   url = "";
   #turn = 0;
   #attempt = 0;
+  /** Whether a failed video is being loaded again by its address, which may take its time as well. */
+  #trying = false;
   /** @type {ReturnType<typeof setTimeout> | undefined} */
   #timer;
   /** @type {ReturnType<typeof setTimeout> | undefined} */
@@ -121,8 +123,12 @@ export class Clip {
     }
     if (source) {
       this.#use(source);
-    } else {
+    } else if (this.preloader.isMissing(this.url)) {
       this.#fail();
+    } else {
+      // A site may let its videos be played and not be read by scripts: the player asks for itself.
+      this.#trying = true;
+      this.#use(this.url);
     }
   }
 
@@ -188,7 +194,7 @@ export class Clip {
   /** Start counting the silence anew. */
   #watch() {
     clearTimeout(this.#watchdog);
-    if (this.state === "ready" || this.state === "failed") {
+    if (this.state === "ready" || (this.state === "failed" && !this.#trying)) {
       return;
     }
     const turn = this.#turn;
@@ -218,6 +224,7 @@ export class Clip {
   /** @param {ClipState} state */
   #enter(state) {
     clearTimeout(this.#timer);
+    this.#trying = false;
     this.state = state;
     this.player.dataset.state = state;
     this.note.hidden = state === "ready";

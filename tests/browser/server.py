@@ -8,6 +8,7 @@ import socket
 import subprocess
 import sys
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO
@@ -30,7 +31,7 @@ class Server:
     """`pbpo serve` over one data folder, always on the same port.
 
     more: further words of the command. output: where it may write; where this process does, if
-    None.
+    None. settings: further variables that it finds.
     """
 
     data_dir: Path
@@ -38,6 +39,7 @@ class Server:
     more: tuple[str, ...] = ()
     database_url: str = ""
     output: IO[bytes] | None = None
+    settings: Mapping[str, str] = field(default_factory=dict)
     #: How far its clock is before the machine's, in hours.
     clock_ahead_h: float = 0.0
     port: int = field(default_factory=free_port)
@@ -55,6 +57,7 @@ class Server:
                 "PBPO_DATA_DIR": str(self.data_dir),
                 "PBPO_MEDIA_DIR": str(self.media_dir),
                 "PBPO_DATABASE_URL": self.database_url,
+                **self.settings,
             },
             stdout=self.output,
             stderr=self.output,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 from starlette.concurrency import run_in_threadpool
@@ -18,7 +19,7 @@ _STUDY_HEADER = "PBPO-Study"
 _SERVER_FAULT = 500
 _UNAVAILABLE = 503
 _TOO_MANY = 429
-_STARTS = "/api/v1/studies/{slug}/sessions"
+_BEGINNING = re.compile(r"/api/v1/studies/[^/]+/sessions")
 
 
 class FaultsCounted:
@@ -47,18 +48,18 @@ class FaultsCounted:
 async def _count(scope: Scope, status: int) -> None:
     if scope["type"] != "http" or status < _TOO_MANY:
         return
-    kind = _kind(str(getattr(scope.get("route"), "path", "")), status)
+    kind = _kind(scope["path"], status)
     where = _where(scope) if kind is not None else None
     if kind is not None and where is not None:
         studio: Studio = scope["app"].state.studio
         await run_in_threadpool(studio.faults.count, studio, kind, where)
 
 
-def _kind(route: str, status: int) -> Kind | None:
+def _kind(path: str, status: int) -> Kind | None:
     """What failed, where it is somebody who takes part that it failed for."""
-    is_page = route.startswith("/s/{slug}")
-    is_call = route.startswith("/api/v1/session") or route == _STARTS
-    is_video = route.startswith("/media/")
+    is_page = path.startswith("/s/")
+    is_call = path.startswith("/api/v1/session") or _BEGINNING.fullmatch(path) is not None
+    is_video = path.startswith("/media/")
     if status == _TOO_MANY:
         return Kind.CROWDED if is_page or is_call else None
     if status < _SERVER_FAULT or not (is_page or is_call or is_video):

@@ -13,9 +13,11 @@ from app.services import accounts, studies
 from app.services.settings import Settings
 from app.services.studies import StudyInfo
 from app.services.studio import Studio, open_studio
-from tests.conftest import SHORT_PLAN, Idle, StudyShelf
+from tests.conftest import SHORT_PLAN, Clock, Idle, StudyShelf
+from tests.databases import Databases
 
 from .client import Api
+from .house import House, Kept
 
 #: Opens the short study with further lines in its plan.
 Recruit = Callable[[str], StudyInfo]
@@ -74,3 +76,34 @@ def recruit(studio: Studio, study_shelf: StudyShelf) -> Recruit:
         return studies.find(studio, "short")
 
     return opened
+
+
+@pytest.fixture(scope="module")
+def kept(
+    databases: Databases,
+    study_shelf: StudyShelf,
+    media_dir: Path,
+    tmp_path_factory: pytest.TempPathFactory,
+) -> Kept:
+    folder = tmp_path_factory.mktemp("house")
+    settings = Settings(
+        data_dir=folder / "data",
+        media_dir=media_dir,
+        database_url=databases.new(folder / "data"),
+    )
+    studio = open_studio(settings, now=Clock().now, background=Idle(1))
+    study_shelf.put_into(studio, SHORT_PLAN)
+    made = Kept(studio, databases, folder / "kept")
+    studio.close()
+    return made
+
+
+@pytest.fixture
+def house(
+    client: Api, application: FastAPI, studio: Studio, databases: Databases, kept: Kept
+) -> Iterator[House]:
+    # Streams end at once, as they do when a server is told to stop.
+    before = application.state.stopping
+    application.state.stopping = lambda: True
+    yield House(client, studio, databases, kept)
+    application.state.stopping = before

@@ -1,0 +1,143 @@
+"""Everybody who has to do with the short study, at the door of its application."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import httpx
+from fastapi import FastAPI
+from fastapi.routing import iter_route_contexts
+
+from app.services import accounts, drafts, studies
+from app.services.accounts import Role, Scope
+from app.services.studio import Studio
+from app.storage.accounts import StudyAccess
+from app.storage.records import Job
+from app.web.security import SIGN_IN_COOKIE
+from tests.databases import Databases
+
+from .client import Api
+from .role_rules import BOB, JOB, Rule
+
+PASSWORD = "correct horse battery"
+#: What stands in a path unless its rule says otherwise: a study that is there, and made-up ids.
+MADE_UP = {"slug": "short", "trial_index": 0, "form": "svg"}
+
+
+def routes(application: FastAPI) -> Iterator[str]:
+    """Every page and call, as `METHOD /path`."""
+    for context in iter_route_contexts(application.routes):
+        for method in sorted(context.methods or ()):
+            if method != "HEAD":
+                yield f"{method} {context.path}"
+
+
+class Kept:
+    """The short study with everybody who has to do with it: made once, copied for each call."""
+
+    def __init__(self, studio: Studio, databases: Databases, folder: Path) -> None:
+        study = studies.find(studio, "short")
+        people = {
+            "admin": accounts.create(studio, "admin@lab.example", PASSWORD, Role.ADMIN),
+            "owner": accounts.create(studio, "owner@lab.example", PASSWORD, Role.EXPERIMENTER),
+            "shared": accounts.create(studio, "shared@lab.example", PASSWORD, Role.EXPERIMENTER),
+            "other": accounts.create(studio, BOB["email"], PASSWORD, Role.EXPERIMENTER),
+            "reviewer": accounts.create(studio, "rev@board.example", PASSWORD, Role.REVIEWER),
+        }
+        owner = people["owner"]
+        at = studio.now()
+        with studio.database.write() as session:
+            session.add_all(
+                StudyAccess(
+                    study_id=study.id,
+                    account_id=people[tie].account_id,
+                    access="owner" if tie == "owner" else "shared",
+                    created_at=at,
+                )
+                # A reviewer whom it was shared with before they became one reads no data either.
+                for tie in ("owner", "shared", "reviewer")
+            )
+            session.add(
+                Job(
+                    public_id=JOB,
+                    account_id=owner.account_id,
+                    kind="simulate",
+                    state="done",
+                    done=1,
+                    total=1,
+                    request={},
+                    created_at=at,
+                )
+            )
+        self.draft = drafts.begin(studio, owner, "mine").public_id
+        self.cookies = {
+            name: accounts.sign_in(studio, one.email, PASSWORD) for name, one in people.items()
+        }
+        self.tokens = {
+            "read token": accounts.create_api_token(studio, owner, "r", Scope.READ),
+            "write token": accounts.create_api_token(studio, owner, "w", Scope.WRITE),
+        }
+        self.database = databases.new(folder)
+        databases.copy(studio.settings.url, self.database)
+        self.uploads = folder / "uploads"
+        shutil.copytree(studio.settings.uploads_dir, self.uploads)
+
+
+class House:
+    """Everybody at the door of the application; each form finds things as they were."""
+
+    def __init__(self, client: Api, studio: Studio, databases: Databases, kept: Kept) -> None:
+        self._client = client
+        self._studio = studio
+        self._databases = databases
+        self._kept = kept
+        self.draft = kept.draft
+        self.cookies = kept.cookies
+        self.as_it_was()
+
+    def as_it_was(self) -> None:
+        """Everything as it was before anybody asked for anything."""
+        self._databases.copy(self._kept.database, self._studio.settings.url)
+        uploads = self._studio.settings.uploads_dir
+        shutil.copytree(self._kept.uploads, uploads, dirs_exist_ok=True)
+
+    def ask(self, caller: str, route: str, rule: Rule) -> httpx.Response:
+        """What this caller is answered; nothing of it stays."""
+        method, path = route.split(" ", 1)
+        if method != "GET":
+            self.as_it_was()
+        options: dict[str, object] = {"params": dict(rule.query)}
+        if method == "POST" and not path.startswith("/api/"):
+            options["data"] = {"csrf_token": self.form_token(caller), **rule.form}
+        elif rule.json is not None:
+            options["json"] = rule.json
+        return self.send(caller, method, self.address(path, rule), **options)
+
+    def address(self, path: str, rule: Rule) -> str:
+        """Where a route is, with what its rule or the house has for each part."""
+        said = self.known(rule)
+        return re.sub(r"\{(\w+)\}", lambda found: said.get(found[1], "made-up"), path)
+
+    def known(self, rule: Rule) -> dict[str, str]:
+        """What the house has, and what the rule says of its path and its form."""
+        said = {"public_id": self.draft, **MADE_UP, **rule.params, **rule.query, **rule.form}
+        return {name: str(value) for name, value in said.items()}
+
+    def form_token(self, caller: str) -> str:
+        """What a form of our own page carries, as far as this caller can have one."""
+        return hashlib.sha256(f"form:{self.cookies.get(caller, '')}".encode()).hexdigest()
+
+    def send(self, caller: str, method: str, path: str, **options: Any) -> httpx.Response:
+        """Send it with all that the caller's browser or program has."""
+        headers = dict(options.pop("headers", {}))
+        self._client.cookies.clear()
+        if caller in self.cookies:
+            self._client.cookies.set(SIGN_IN_COOKIE, self.cookies[caller])
+        if caller in self._kept.tokens:
+            headers["Authorization"] = f"Bearer {self._kept.tokens[caller]}"
+        return self._client.request(method, path, headers=headers, **options)

@@ -284,8 +284,10 @@ def media_render(
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
 
     from app.crane.rendering_jobs import render_all
+    from app.services.recordings import keep_rendered
 
-    target = media_dir or settings_of(None).media_dir
+    settings = settings_of(None)
+    target = media_dir or settings.media_dir
     columns = (BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress("rendering", *columns, console=out) as progress:
         task = progress.add_task("")
@@ -296,6 +298,9 @@ def media_render(
             lambda done, total: progress.update(task, completed=done, total=total),
         )
     out.print(f"All recordings are in {target}.")
+    if settings.recordings_url:
+        keep_rendered(settings, target)
+        out.print(f"They are in {settings.recordings_url}, too.")
 
 
 @app.command()

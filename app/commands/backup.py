@@ -53,6 +53,11 @@ def restore(
     out.print(
         f"Restored as it was backed up; deletions carried out again: {restored.deleted_again}."
     )
+    if restored.missing:
+        out.print(
+            f"Videos of studies that are missing where recordings are kept: {restored.missing}."
+            " Put them there (docs/operations.md)."
+        )
 
 
 def _say(held: Backup) -> None:
@@ -62,3 +67,5 @@ def _say(held: Backup) -> None:
         f"{said}, files besides: {held.files}; {held.bytes / 1e6:.1f} MB, schema {held.schema},"
         f" made at {held.made_at:%Y-%m-%d %H:%M:%S} UTC."
     )
+    if held.elsewhere:
+        out.print(f"Videos in {held.store} are named in it, and not copied: {held.elsewhere}.")

@@ -2,7 +2,8 @@
 
 The file is a zip: the database, studies' own videos, the ledger of deletions, and a manifest with
 the rows of each table and the SHA-256 of each file. Videos of the crane are not in it: they are
-made again when they are asked for.
+made again when they are asked for. Videos in a store of the network stay there: the manifest names
+them.
 """
 
 from __future__ import annotations
@@ -19,14 +20,19 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from sqlalchemy import select
+
 from app import __version__
 from app.storage import dumps
+from app.storage.database import Database
+from app.storage.tables import Recording
 from app.study.scaffold import require_empty
 
 from . import audit, ledger, redeletion, uploads
 from .errors import ConflictError
+from .recordings import FILE, FoundSource
 from .settings import Settings
-from .studio import open_studio
+from .studio import Studio, open_studio
 
 FORMAT = 1
 MANIFEST = "manifest.json"
@@ -38,21 +44,31 @@ _PIECE = 1 << 20
 
 @dataclass(frozen=True)
 class Backup:
-    """What a backup holds: rows by table, and how many files besides the database."""
+    """What a backup holds: rows by table, and how many files besides the database.
+
+    store, elsewhere: where studies' own videos were kept that are not in it, and how many those
+    were; "" and 0 where they are in it.
+    """
 
     made_at: datetime
     schema: str | None
     rows: dict[str, int]
     files: int
     bytes: int
+    store: str
+    elsewhere: int
 
 
 @dataclass(frozen=True)
 class Restored:
-    """What came of a backup: what it held, and how many deletions were carried out again."""
+    """What came of a backup: what it held, and how many deletions were carried out again.
+
+    missing: videos of studies that are not where recordings are kept, or cannot be reached there.
+    """
 
     backup: Backup
     deleted_again: int
+    missing: int
 
 
 def backup(settings: Settings, target: Path, now: datetime) -> Backup:
@@ -87,6 +103,7 @@ def backup(settings: Settings, target: Path, now: datetime) -> Backup:
                 "schema": held.revision,
                 "rows": dict(held.rows),
                 "files": files,
+                "elsewhere": _elsewhere(settings),
             }
             archive.writestr(MANIFEST, json.dumps(manifest, indent=2) + "\n")
         part.chmod(0o600)
@@ -111,7 +128,9 @@ def restore(source: Path, settings: Settings, ledgers: Sequence[Path], now: date
         _merge(settings.ledger_path, lines)
         studio = open_studio(settings, now=lambda: now)
         try:
+            _put_into_store(studio)
             again = redeletion.apply(studio, lines)
+            missing = _missing(studio)
             audit.note_alone(
                 studio,
                 audit.COMMAND_LINE,
@@ -125,7 +144,7 @@ def restore(source: Path, settings: Settings, ledgers: Sequence[Path], now: date
         for path in settings.data_dir.iterdir():
             shutil.rmtree(path) if path.is_dir() else path.unlink()
         raise
-    return Restored(_backup(manifest), again)
+    return Restored(_backup(manifest), again, missing)
 
 
 def _besides(settings: Settings) -> Iterator[tuple[str, Path]]:
@@ -134,6 +153,38 @@ def _besides(settings: Settings) -> Iterator[tuple[str, Path]]:
     for path in sorted(settings.uploads_dir.rglob("*")):
         if path.is_file() and path.suffix != ".part":
             yield f"{UPLOADS}/{path.relative_to(settings.uploads_dir).as_posix()}", path
+
+
+def _elsewhere(settings: Settings) -> dict[str, Any] | None:
+    """Where studies' own videos are, and what they are called, if they are not in this folder."""
+    if not settings.recordings_url:
+        return None
+    database = Database(settings.url)
+    try:
+        return {"store": settings.recordings_url, "files": _own_videos(database)}
+    finally:
+        database.close()
+
+
+def _own_videos(database: Database) -> list[str]:
+    statement = select(Recording.locator).where(Recording.source == FILE)
+    with database.read() as session:
+        return sorted(set(session.scalars(statement)))
+
+
+def _put_into_store(studio: Studio) -> None:
+    """Move the restored videos to where the settings keep recordings now."""
+    if studio.recordings.origin is None or not studio.settings.uploads_dir.is_dir():
+        return
+    videos = [path for path in studio.settings.uploads_dir.iterdir() if path.is_file()]
+    studio.recordings.keep_files({path.name: path for path in videos})
+    for path in videos:
+        path.unlink()
+
+
+def _missing(studio: Studio) -> int:
+    names = _own_videos(studio.database)
+    return len(names) - len(studio.recordings.sizes(FoundSource(FILE, name) for name in names))
 
 
 def _add(archive: zipfile.ZipFile, name: str, path: Path, *, packed: bool) -> dict[str, Any]:
@@ -210,10 +261,13 @@ def _merge(target: Path, lines: Iterable[ledger.Deleted]) -> None:
 
 def _backup(manifest: dict[str, Any]) -> Backup:
     files = manifest["files"].values()
+    elsewhere = manifest.get("elsewhere") or {"store": "", "files": ()}
     return Backup(
         made_at=datetime.fromisoformat(manifest["made_at"]),
         schema=manifest["schema"],
         rows=manifest["rows"],
         files=len(files) - 1,
         bytes=sum(file["bytes"] for file in files),
+        store=elsewhere["store"],
+        elsewhere=len(elsewhere["files"]),
     )

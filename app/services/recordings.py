@@ -147,9 +147,7 @@ class Recordings:
 
     def keep_files(self, videos: Mapping[str, Path]) -> None:
         """Keep studies' own videos, each under the locator that `file_locator` gives."""
-        with ThreadPoolExecutor(_AT_ONCE) as threads:
-            # Whatever goes wrong with one of them is raised here.
-            list(threads.map(self._stores.own.put, videos.keys(), videos.values()))
+        _put_all(self._stores.own, videos)
 
     def throw_away(self, locators: Iterable[str]) -> None:
         """Delete videos of studies' own that no study has any more."""
@@ -218,9 +216,22 @@ def make_video(settings: Settings, locator: str) -> Path:
     return video
 
 
+def keep_rendered(settings: Settings, folder: Path) -> None:
+    """Put the rendered videos of a folder where the settings keep such videos."""
+    _put_all(_stores(settings).rendered, {video.name: video for video in folder.glob("*.mp4")})
+
+
 def file_locator(file: str, sha256: str) -> str:
     """What a study's own video is called wherever it is kept: by its content and its ending."""
     return f"{sha256}{PurePosixPath(file).suffix.lower()}"
+
+
+def _put_all(store: Store, files: Mapping[str, Path]) -> None:
+    there = store.sizes(files)
+    new = {name: file for name, file in files.items() if name not in there}
+    with ThreadPoolExecutor(_AT_ONCE) as threads:
+        # Whatever goes wrong with one of them is raised here.
+        list(threads.map(store.put, new.keys(), new.values()))
 
 
 def crane_locator(environment: str, candidate_index: int, run_index: int) -> str:

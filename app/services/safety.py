@@ -8,6 +8,7 @@ from __future__ import annotations
 import ipaddress
 import stat
 from collections.abc import Iterator
+from urllib.parse import urlsplit
 
 from sqlalchemy.engine import make_url
 
@@ -62,6 +63,12 @@ def unsafe_settings(studio: Studio, host: str) -> Iterator[str]:
         yield (
             f"Other users of this machine can look into {settings.data_dir}, where the answers"
             f" are: chmod 700 {settings.data_dir}"
+        )
+    store = urlsplit(studio.recordings.origin or "")
+    if store.scheme == "http" and (settings.production or not _is_loopback(store.hostname or "")):
+        yield (
+            "Links to videos would be sent over plain HTTP, where others can read them: give the"
+            " store of recordings an https address (PBPO_S3_ENDPOINT, PBPO_S3_PUBLIC_ENDPOINT)."
         )
     access = settings.data_dir / demo.ACCESS_FILE
     if access.exists():

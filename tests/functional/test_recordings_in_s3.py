@@ -3,78 +3,31 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
 from pathlib import Path
 
 import httpx
 import pytest
 
-from app.services import cloning, lifecycle, studies
-from app.services.errors import ConflictError, NotFoundError, StoreAwayError
-from app.services.recordings import FILE, FoundSource, Recordings, crane_locator, make_video
-from app.services.settings import Settings
+from app.services import lifecycle, studies
+from app.services.errors import NotFoundError, StoreAwayError
+from app.services.recordings import FILE, FoundSource
 from app.services.stores import s3_bucket
-from app.services.stores.opening import open_stores
 from app.services.stores.s3 import LINK_S
 from app.services.studies import StudyInfo
 from app.services.studio import Studio
 from tests.conftest import Clock
-from tests.s3_server import BUCKET, KEY, SECRET, S3Server
+from tests.s3_server import BUCKET, SECRET, S3Server
 
 from .client import Api
-from .own_study import write_own_study
+from .own_store import begin_anew, folder, own_study, running, settings, store
 
-
-@pytest.fixture(scope="module")
-def running() -> Iterator[S3Server]:
-    server = S3Server()
-    yield server
-    server.stop()
-
-
-@pytest.fixture
-def store(running: S3Server, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[S3Server]:
-    """An empty store, with its keys where boto3 looks for them."""
-    monkeypatch.setenv("AWS_ACCESS_KEY_ID", KEY)
-    monkeypatch.setenv("AWS_SECRET_ACCESS_KEY", SECRET)
-    monkeypatch.setenv("AWS_CONFIG_FILE", str(tmp_path / "none"))
-    running.asked.clear()
-    yield running
-    running.empty()
-
-
-@pytest.fixture
-def settings(store: S3Server, tmp_path: Path, media_dir: Path) -> Settings:
-    return Settings(
-        data_dir=tmp_path / "data",
-        media_dir=media_dir,
-        recordings_url=f"s3://{BUCKET}/lab/one",
-        s3_endpoint=store.url,
-    )
-
-
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return write_own_study(tmp_path_factory.mktemp("own") / "kettles")
-
-
-@pytest.fixture
-def own_study(studio: Studio, folder: Path) -> StudyInfo:
-    studies.create(studio, studies.load_folder(str(folder)))
-    return studies.open_study(studio, "kettles")
+__all__ = ["folder", "own_study", "running", "settings", "store"]
 
 
 @pytest.fixture
 def url(client: Api, own_study: StudyInfo) -> str:
     """Address of a video that an evaluator is shown."""
     return str(client.start("kettles").to_first_query().state["query"]["left"]["url"])
-
-
-def begin_anew(studio: Studio) -> None:
-    """As a server does that was just started: nothing of the store is remembered."""
-    studio.recordings.close()
-    fresh = Recordings(studio.database, studio.background, studio.settings)
-    object.__setattr__(studio, "recordings", fresh)
 
 
 def link_of(client: Api, url: str, method: str = "GET") -> str:
@@ -162,20 +115,6 @@ def test_pages_may_load_videos_from_the_store_and_nothing_else(
     }
 
 
-def test_a_rendered_video_is_put_into_the_store_by_whoever_made_it(
-    studio: Studio, store: S3Server
-) -> None:
-    locator = crane_locator("env1", 0, 0)
-    made = make_video(studio.settings, locator)
-    (key,) = store.names()
-    # By its content: neither the environment nor the candidate is in the name.
-    assert re.fullmatch(r"lab/one/media/[0-9a-f]{32}\.mp4", key)
-    assert store.read(key) == made.read_bytes()
-    source = FoundSource("crane", locator)
-    assert studio.recordings.ensure(source).done()
-    assert studio.recordings.sizes([source]) == {locator: made.stat().st_size}
-
-
 def test_a_video_that_has_gone_from_the_store_is_not_found(
     client: Api, own_study: StudyInfo, studio: Studio, store: S3Server
 ) -> None:
@@ -184,28 +123,6 @@ def test_a_video_that_has_gone_from_the_store_is_not_found(
     with pytest.raises(NotFoundError, match="missing"):
         studio.recordings.ensure(gone)
     assert not studio.recordings.can_be_had(gone)
-
-
-def test_a_copy_of_a_study_has_its_videos(
-    studio: Studio, own_study: StudyInfo, folder: Path, tmp_path: Path
-) -> None:
-    cloning.write_folder(studio, "kettles", tmp_path / "copy", "copied")
-    for video in (folder / "videos").iterdir():
-        assert (tmp_path / "copy" / "videos" / video.name).read_bytes() == video.read_bytes()
-
-
-def test_what_is_deleted_goes_from_the_store_and_nothing_beside_it(
-    studio: Studio, own_study: StudyInfo, store: S3Server
-) -> None:
-    name = store.names()[0].rpartition("/")[2]
-    beside = [f"lab/{name}", f"lab/one/media/{name}", f"uploads/{name}"]
-    for key in beside:
-        store.client.put_object(Bucket=BUCKET, Key=key, Body=b"another's")
-    studies.close_study(studio, "kettles")
-    lifecycle.delete(studio, "kettles", typed="kettles")
-    assert sorted(store.names()) == sorted(beside)
-    with pytest.raises(ValueError, match="expected the name of a file"):
-        studio.recordings.throw_away(["../../uploads/" + name])
 
 
 def test_while_the_store_is_away_everybody_is_told_and_nothing_is_lost(
@@ -237,24 +154,3 @@ def test_while_the_store_is_away_everybody_is_told_and_nothing_is_lost(
         store.start()
     assert client.get("/readyz").status_code == 200
     assert httpx.get(link_of(client, url)).status_code == 200
-
-
-def test_a_store_that_refuses_is_said_without_its_keys(
-    client: Api, studio: Studio, store: S3Server, settings: Settings
-) -> None:
-    elsewhere = settings.model_copy(update={"recordings_url": "s3://another-bucket"})
-    object.__setattr__(studio, "settings", elsewhere)
-    begin_anew(studio)
-    (fault,) = client.get("/readyz").json()["faults"]
-    assert fault == "The store of recordings refuses: NoSuchBucket."
-
-
-def test_without_keys_a_studio_is_not_opened(
-    settings: Settings, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    for name in ("AWS_ACCESS_KEY_ID", "AWS_SECRET_ACCESS_KEY"):
-        monkeypatch.delenv(name)
-    monkeypatch.setenv("AWS_SHARED_CREDENTIALS_FILE", str(tmp_path / "none"))
-    monkeypatch.setenv("AWS_EC2_METADATA_DISABLED", "true")
-    with pytest.raises(ConflictError, match="expected credentials"):
-        open_stores(settings)

@@ -10,6 +10,7 @@ import mimetypes
 import shutil
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 from app.services.errors import StoreAwayError
 
@@ -24,6 +25,8 @@ LINK_S = 600
 THERE_S, MISSING_S = 600, 30
 #: Above so many files that nothing is known of, the store is asked for its list.
 _MOST_ASKED_ONE_BY_ONE = 8
+#: How many files a store names in one answer.
+PAGE = 1000
 
 
 class S3Store:
@@ -116,7 +119,7 @@ class S3Store:
 
     def _listed(self) -> Iterator[tuple[str, int]]:
         start = self._key("")
-        words: dict[str, str] = {}
+        words: dict[str, Any] = {"MaxKeys": PAGE}
         while True:
             answer = self._bucket.ask("list_objects_v2", Prefix=f"{start}/", **words)
             assert answer is not None  # a bucket that is missing is refused
@@ -124,7 +127,7 @@ class S3Store:
                 yield one["Key"].removeprefix(f"{start}/"), one["Size"]
             if not answer.get("IsTruncated"):
                 return
-            words = {"ContinuationToken": answer["NextContinuationToken"]}
+            words["ContinuationToken"] = answer["NextContinuationToken"]
 
     def _key(self, name: str) -> str:
         return self._bucket.key(self._folder, name)

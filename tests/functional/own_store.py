@@ -1,0 +1,63 @@
+"""A studio whose recordings are in an S3-compatible store: a test imports these fixtures."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from app.services import studies
+from app.services.recordings import Recordings
+from app.services.settings import Settings
+from app.services.studies import StudyInfo
+from app.services.studio import Studio
+from tests.s3_server import BUCKET, KEY, SECRET, S3Server
+
+from .own_study import write_own_study
+
+
+@pytest.fixture(scope="module")
+def running() -> Iterator[S3Server]:
+    server = S3Server()
+    yield server
+    server.stop()
+
+
+@pytest.fixture
+def store(running: S3Server, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[S3Server]:
+    """An empty store, with its keys where boto3 looks for them."""
+    monkeypatch.setenv("AWS_ACCESS_KEY_ID", KEY)
+    monkeypatch.setenv("AWS_SECRET_ACCESS_KEY", SECRET)
+    monkeypatch.setenv("AWS_CONFIG_FILE", str(tmp_path / "none"))
+    running.asked.clear()
+    yield running
+    running.empty()
+
+
+@pytest.fixture
+def settings(store: S3Server, tmp_path: Path, media_dir: Path) -> Settings:
+    return Settings(
+        data_dir=tmp_path / "data",
+        media_dir=media_dir,
+        recordings_url=f"s3://{BUCKET}/lab/one",
+        s3_endpoint=store.url,
+    )
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_own_study(tmp_path_factory.mktemp("own") / "kettles")
+
+
+@pytest.fixture
+def own_study(studio: Studio, folder: Path) -> StudyInfo:
+    studies.create(studio, studies.load_folder(str(folder)))
+    return studies.open_study(studio, "kettles")
+
+
+def begin_anew(studio: Studio) -> None:
+    """As a server does that was just started: nothing of the store is remembered."""
+    studio.recordings.close()
+    fresh = Recordings(studio.database, studio.background, studio.settings)
+    object.__setattr__(studio, "recordings", fresh)

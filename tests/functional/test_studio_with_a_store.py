@@ -1,0 +1,196 @@
+"""What experimenters and whoever runs a studio do, where its recordings are in a store."""
+
+from __future__ import annotations
+
+import json
+import re
+import zipfile
+from collections.abc import Callable, Hashable
+from concurrent.futures import Future
+from pathlib import Path
+from typing import Any, TypeVar
+
+import pytest
+
+from app.crane import library
+from app.services import backups, cloning, lifecycle, safety, studies
+from app.services.errors import ConflictError
+from app.services.recordings import (
+    FILE,
+    FoundSource,
+    Recordings,
+    crane_locator,
+    keep_rendered,
+    make_video,
+)
+from app.services.settings import Settings
+from app.services.stores import s3
+from app.services.stores.opening import open_stores
+from app.services.studies import StudyInfo
+from app.services.studio import Studio, open_studio
+from tests.conftest import STARTED, Idle
+from tests.s3_server import BUCKET, S3Server
+
+from .client import Api
+from .own_store import begin_anew, folder, own_study, running, settings, store
+
+__all__ = ["folder", "own_study", "running", "settings", "store"]
+
+T = TypeVar("T")
+
+
+class AtOnce(Idle):
+    """Background work that is done at once, but for videos: `made` are those it was asked for."""
+
+    def __init__(self) -> None:
+        super().__init__(1)
+        self.made: list[Hashable] = []
+
+    def in_thread(self, key: Hashable, function: Callable[..., T], *args: Any) -> Future[T]:
+        function(*args)
+        return Future()
+
+    def in_process(
+        self, key: Hashable, function: Callable[..., T], *args: Any, urgent: bool = False
+    ) -> Future[T]:
+        self.made.append(key)
+        return Future()
+
+
+def test_a_rendered_video_is_put_into_the_store_by_whoever_made_it(
+    studio: Studio, store: S3Server
+) -> None:
+    locator = crane_locator("env1", 0, 0)
+    made = make_video(studio.settings, locator)
+    (key,) = store.names()
+    # By its content: neither the environment nor the candidate is in the name.
+    assert re.fullmatch(r"lab/one/media/[0-9a-f]{32}\.mp4", key)
+    assert store.read(key) == made.read_bytes()
+    source = FoundSource("crane", locator)
+    assert studio.recordings.ensure(source).done()
+    assert studio.recordings.sizes([source]) == {locator: made.stat().st_size}
+
+
+def test_a_copy_of_a_study_has_its_videos(
+    studio: Studio, own_study: StudyInfo, folder: Path, tmp_path: Path
+) -> None:
+    cloning.write_folder(studio, "kettles", tmp_path / "copy", "copied")
+    for video in (folder / "videos").iterdir():
+        assert (tmp_path / "copy" / "videos" / video.name).read_bytes() == video.read_bytes()
+
+
+def test_what_is_deleted_goes_from_the_store_and_nothing_beside_it(
+    studio: Studio, own_study: StudyInfo, store: S3Server
+) -> None:
+    name = store.names()[0].rpartition("/")[2]
+    beside = [f"lab/{name}", f"lab/one/media/{name}", f"uploads/{name}"]
+    for key in beside:
+        store.client.put_object(Bucket=BUCKET, Key=key, Body=b"another's")
+    studies.close_study(studio, "kettles")
+    lifecycle.delete(studio, "kettles", typed="kettles")
+    assert sorted(store.names()) == sorted(beside)
+    with pytest.raises(ValueError, match="expected the name of a file"):
+        studio.recordings.throw_away(["../../uploads/" + name])
+
+
+def test_a_store_that_refuses_is_said_without_its_keys(
+    client: Api, studio: Studio, store: S3Server, settings: Settings
+) -> None:
+    elsewhere = settings.model_copy(update={"recordings_url": "s3://another-bucket"})
+    object.__setattr__(studio, "settings", elsewhere)
+    begin_anew(studio)
+    (fault,) = client.get("/readyz").json()["faults"]
+    assert fault == "The store of recordings refuses: NoSuchBucket."
+
+
+def test_without_keys_a_studio_is_not_opened(
+    settings: Settings, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    for name in ("AWS_ACCESS_KEY_ID", "AWS_SECRET_ACCESS_KEY"):
+        monkeypatch.delenv(name)
+    monkeypatch.setenv("AWS_SHARED_CREDENTIALS_FILE", str(tmp_path / "none"))
+    monkeypatch.setenv("AWS_EC2_METADATA_DISABLED", "true")
+    with pytest.raises(ConflictError, match="expected credentials"):
+        open_stores(settings)
+
+
+def test_a_video_is_made_ahead_only_if_the_store_lacks_it(
+    studio: Studio, store: S3Server, tmp_path: Path
+) -> None:
+    source = FoundSource("crane", crane_locator("env1", 0, 1))
+    background = AtOnce()
+    recordings = Recordings(studio.database, background, studio.settings)
+    recordings.make_soon(source)
+    assert background.made == [("render", "env1/0/1")]
+    recordings.close()
+
+    name = library.video_name("env1", 0, 1)
+    (tmp_path / name).write_bytes(b"rendered elsewhere")
+    keep_rendered(studio.settings, tmp_path)
+    assert store.names() == [f"lab/one/media/{name}"]
+    recordings = Recordings(studio.database, background, studio.settings)
+    recordings.make_soon(source)
+    assert len(background.made) == 1
+    recordings.close()
+
+
+def test_many_videos_are_looked_up_by_one_list(
+    studio: Studio, own_study: StudyInfo, store: S3Server, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(s3, "PAGE", 3)
+    names = [key.rpartition("/")[2] for key in store.names()]
+    begin_anew(studio)
+    store.asked.clear()
+    missing = [f"{number:064}.mp4" for number in range(20)]
+    found = studio.recordings.sizes(FoundSource(FILE, name) for name in [*missing, *names])
+    assert set(found) == set(names)
+    assert store.asked == [f"GET /{BUCKET}"] * 2
+
+
+def test_pictures_of_pages_have_the_videos_for_as_long_as_they_take(
+    studio: Studio, own_study: StudyInfo, store: S3Server
+) -> None:
+    name = store.names()[0].rpartition("/")[2]
+    there, gone = FoundSource(FILE, name), FoundSource(FILE, f"{'0' * 64}.mp4")
+    with studio.recordings.files([gone, there]) as files:
+        assert [file.read_bytes() for file in files] == [store.read(store.names()[0])]
+    assert not files[0].exists()
+
+
+@pytest.mark.sqlite
+def test_a_backup_names_the_videos_in_the_store_and_a_restore_says_what_is_missing(
+    studio: Studio, own_study: StudyInfo, store: S3Server, tmp_path: Path
+) -> None:
+    target = tmp_path / "backup.zip"
+    held = backups.backup(studio.settings, target, STARTED)
+    assert (held.store, held.elsewhere, held.files) == (f"s3://{BUCKET}/lab/one", 4, 0)
+    names = {key.rpartition("/")[2] for key in store.names()}
+    with zipfile.ZipFile(target) as archive:
+        assert set(json.loads(archive.read("manifest.json"))["elsewhere"]["files"]) == names
+
+    for missing in (0, 1):
+        new = studio.settings.model_copy(update={"data_dir": tmp_path / f"new-{missing}"})
+        assert backups.restore(target, new, [], STARTED).missing == missing
+        store.client.delete_object(Bucket=BUCKET, Key=store.names()[0])
+
+
+@pytest.mark.sqlite
+def test_videos_of_a_backup_are_put_into_the_store_that_the_settings_name(
+    settings: Settings, folder: Path, store: S3Server, tmp_path: Path
+) -> None:
+    in_a_folder = settings.model_copy(update={"recordings_url": ""})
+    studio = open_studio(in_a_folder, background=Idle(1))
+    studies.create(studio, studies.load_folder(str(folder)))
+    studio.close()
+    held = backups.backup(in_a_folder, tmp_path / "backup.zip", STARTED)
+    assert (held.store, held.elsewhere, held.files) == ("", 0, 4)
+    new = settings.model_copy(update={"data_dir": tmp_path / "new"})
+    assert backups.restore(tmp_path / "backup.zip", new, [], STARTED).missing == 0
+    assert len(store.names()) == 4
+    assert list(new.uploads_dir.iterdir()) == []
+
+
+def test_in_production_links_over_plain_http_are_refused(studio: Studio, store: S3Server) -> None:
+    assert "PBPO_S3_ENDPOINT" not in " ".join(safety.unsafe_settings(studio, "::1"))
+    object.__setattr__(studio, "settings", studio.settings.model_copy(update={"production": True}))
+    assert "PBPO_S3_ENDPOINT" in " ".join(safety.unsafe_settings(studio, "::1"))

@@ -10,15 +10,17 @@ import logging
 import threading
 import time
 from collections.abc import Coroutine
+from concurrent.futures import Future
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from datetime import timedelta
 from functools import partial
-from typing import Any
+from typing import Any, TypeVar
 
 import procrastinate
 from procrastinate.exceptions import ConnectorException
 from procrastinate.jobs import Job, Status
+from sqlalchemy.exc import OperationalError
 
 from app.storage.task_queue import (
     GONE_AFTER_S,
@@ -42,6 +44,10 @@ MOST_LOSSES = 3
 _FAULTS_KEPT_H = 24
 #: How long somebody who still has a job in hand is waited for before the next look, in seconds.
 _IN_HANDS_S = 2
+#: What passes by itself is given so long to do so, in seconds.
+_PASSES_S = 2
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -139,7 +145,7 @@ class WorkerTasks:
         making = self._studio.background.in_process(
             (RENDER, locator), recordings.make_video, self._studio.settings, locator, urgent=True
         )
-        await asyncio.shield(asyncio.wrap_future(making))
+        await _without_calling_off(making)
 
     async def _do_job(self, public_id: str) -> None:
         database, works = self._studio.database, self._studio.works
@@ -155,8 +161,7 @@ class WorkerTasks:
             (self._studio.settings, public_id, works[kind]),
             partial(jobs.process_died, database, public_id),
         )
-        # Shielded: where the queue is lost, the job's process goes on, and says so itself.
-        if not await asyncio.shield(asyncio.wrap_future(running)):
+        if not await _without_calling_off(running):
             await asyncio.to_thread(jobs.give_back, database, public_id)
             raise GivenBackError
 
@@ -187,15 +192,23 @@ class _Again(procrastinate.BaseRetryStrategy):
         return _decision(exception, job)
 
 
+async def _without_calling_off(work: Future[T]) -> T:
+    """What comes of the work, which goes on and is logged where nobody can wait for it."""
+    done = asyncio.wrap_future(work)
+    done.add_done_callback(lambda it: it.cancelled() or it.exception())
+    return await asyncio.shield(done)
+
+
 def _decision(error: BaseException, task: Job) -> procrastinate.RetryDecision | None:
     """When the task is tried again after an error; None where that would be of no use."""
     if isinstance(error, jobs.JobInHandsError):
         return procrastinate.RetryDecision(retry_in={"seconds": _IN_HANDS_S})
     if isinstance(error, GivenBackError | asyncio.CancelledError):
         return procrastinate.RetryDecision(retry_in={"seconds": 0})
-    # Its process was killed, for want of memory say, and maybe not by this task.
-    if isinstance(error, BrokenProcessPool) and task.attempts + 1 < MOST_LOSSES:
-        return procrastinate.RetryDecision(retry_in={"seconds": 0})
+    # Its process was killed, for want of memory say, or the database was away: no fault of its own.
+    passing = isinstance(error, BrokenProcessPool | OperationalError)
+    if passing and task.attempts + 1 < MOST_LOSSES:
+        return procrastinate.RetryDecision(retry_in={"seconds": _PASSES_S})
     return None
 
 

@@ -38,7 +38,7 @@ from .client import Api
 from .conftest import EMAIL, PASSWORD
 from .own_study import write_own_study
 from .test_commands import Run, mistake, pbpo
-from .workers import Worker, until
+from .workers import PATIENCE_S, Worker, until
 
 __all__ = ["pbpo"]
 
@@ -294,15 +294,15 @@ def test_workers_do_what_servers_leave_to_them_though_one_is_killed_and_one_is_s
         # It sweeps as soon as it is there; servers do not.
         until(lambda: sweeps(studio) == [2], "swept", worker)
         assert "retention" not in {thread.name for thread in threading.enumerate()}
-        urgent.result(60)
+        urgent.result(PATIENCE_S)
         assert not later.done()
         found = studio.background.queue()
         assert found is not None
         assert found.workers == 1
-        later.result(60)
+        later.result(PATIENCE_S)
         assert len(list(videos("*.mp4"))) == 2
         with pytest.raises(FailedApartError, match="expected a candidate index from 0 to 230"):
-            unknown.result(60)
+            unknown.result(PATIENCE_S)
         until(lambda: job().done > 0, "the job began", worker)
         rendered = video(studio, "env1/2/0", urgent=True)
         until(lambda: queue.count(RENDER) == (0, 1), "it renders", worker)
@@ -311,7 +311,7 @@ def test_workers_do_what_servers_leave_to_them_though_one_is_killed_and_one_is_s
     assert job().state == jobs.RUNNING
 
     with Worker(studio.settings, tmp_path) as another:
-        rendered.result(60)
+        rendered.result(PATIENCE_S)
         assert len(list(videos("*.mp4"))) == 3
         before = job().done
         until(lambda: job().state == jobs.RUNNING and job().done > before, "it goes on", another)

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-import os
-import signal
-import subprocess
 import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
-from types import TracebackType
-from typing import Self
 
 from app.services.settings import Settings
 from app.services.worker_tasks import Pulse
+
+from .started import Started
+
+#: What a worker does gives way to everything else, and a machine may be busy: in seconds.
+PATIENCE_S = 120
 
 #: A real worker is given up after 8 s: tests have no time for that.
 QUICK = Pulse(beat_s=0.2, gone_after_s=1.5, job_lost_after_s=1.5)
@@ -27,7 +27,7 @@ if __name__ == "__main__":
 """
 
 
-class Worker:
+class Worker(Started):
     """A worker that makes one video at a time, ready when this returns."""
 
     def __init__(self, settings: Settings, folder: Path) -> None:
@@ -37,47 +37,18 @@ class Worker:
             "media_dir": str(settings.media_dir),
             "workers_apart": True,
         }
-        self._output = folder / f"worker-{time.monotonic_ns()}.log"
         # Its processes import it again: it has to be a file.
-        script = self._output.with_suffix(".py")
+        script = folder / f"worker_{time.monotonic_ns()}.py"
         script.write_text(_CODE.format(named=f"**{named}", pulse=QUICK))
-        with self._output.open("w") as output:
-            self._process = subprocess.Popen(
-                [sys.executable, str(script)],
-                stdout=output,
-                stderr=subprocess.STDOUT,
-                env={**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])},
-            )
-        until(lambda: "ready" in self.output, "the worker is ready", self)
+        root = str(Path(__file__).parents[2])
+        super().__init__([sys.executable, str(script)], script.with_suffix(".log"), PYTHONPATH=root)
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.kill()
-
-    @property
-    def output(self) -> str:
-        return self._output.read_text()
-
-    def kill(self) -> None:
-        """End it as a power cut would."""
-        self._process.kill()
-        self._process.wait(60)
-
-    def terminate(self) -> int:
-        """End it as whoever runs workers does; the exit status."""
-        self._process.send_signal(signal.SIGTERM)
-        return self._process.wait(60)
+    def is_ready(self) -> bool:
+        return "ready" in self.output
 
 
 def until(condition: Callable[[], bool], what: str, worker: Worker | None = None) -> None:
-    deadline = time.monotonic() + 60
+    deadline = time.monotonic() + PATIENCE_S
     while not condition():
         assert time.monotonic() < deadline, f"{what}: {worker.output if worker else ''}"
         time.sleep(0.02)

@@ -29,7 +29,7 @@ from app.services.stores.opening import open_stores
 from app.services.studies import StudyInfo
 from app.services.studio import Studio, open_studio
 from tests.conftest import STARTED, Idle
-from tests.s3_server import BUCKET, S3Server
+from tests.s3_server import BUCKET, KEY, SECRET, S3Server
 
 from .client import Api
 from .own_store import begin_anew, folder, own_study, running, settings, store
@@ -94,13 +94,19 @@ def test_what_is_deleted_goes_from_the_store_and_nothing_beside_it(
 
 
 def test_a_store_that_refuses_is_said_without_its_keys(
-    client: Api, studio: Studio, store: S3Server, settings: Settings
+    client: Api,
+    studio: Studio,
+    store: S3Server,
+    settings: Settings,
+    caplog: pytest.LogCaptureFixture,
 ) -> None:
     elsewhere = settings.model_copy(update={"recordings_url": "s3://another-bucket"})
     object.__setattr__(studio, "settings", elsewhere)
     begin_anew(studio)
     (fault,) = client.get("/readyz").json()["faults"]
     assert fault == "The store of recordings refuses: NoSuchBucket."
+    assert "NoSuchBucket" in caplog.text
+    assert not [secret for secret in (KEY, SECRET, "Signature") if secret in caplog.text]
 
 
 def test_without_keys_a_studio_is_not_opened(

@@ -42,3 +42,30 @@ def test_all_faults_are_named_in_one_line() -> None:
     assert "PBPO_RENDER_JOBS" in said
     assert "PBPO_DATABASE_URL" in said
     assert "\n" not in said
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("recordings_url", "https://s3.lab.example/bucket"),
+        ("recordings_url", "s3://"),
+        ("recordings_url", "s3://key:secret@bucket/prefix"),
+        ("recordings_url", "s3://bucket/prefix?region=eu"),
+        ("s3_endpoint", "s3.lab.example"),
+        ("s3_public_endpoint", "https://key:secret@s3.lab.example"),
+        ("s3_endpoint", "https://s3.lab.example/bucket"),
+    ],
+)
+def test_a_store_is_named_without_keys_and_none_is_repeated(name: str, value: str) -> None:
+    with pytest.raises(ValidationError) as refused:
+        Settings.model_validate({name: value})
+    said = settings_faults(refused.value)
+    assert said.startswith(f"PBPO_{name.upper()}: ")
+    assert "without keys" in said
+    assert "secret" not in said
+
+
+def test_a_store_may_have_a_prefix_of_several_parts() -> None:
+    for url in ("s3://bucket", "s3://bucket.lab-1/", "s3://bucket/studies/2026_a.b"):
+        assert Settings(recordings_url=url).recordings_url == url
+    assert Settings(s3_endpoint="http://127.0.0.1:9000").s3_endpoint.endswith(":9000")

@@ -4,14 +4,24 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, StringConstraints
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, StringConstraints
 
 Key = Annotated[str, StringConstraints(min_length=1, max_length=60)]
 ExternalId = Annotated[str, StringConstraints(max_length=200)]
 
 
+def _whole(value: object) -> object:
+    """JSON has one kind of number: 2.0 is a whole one too."""
+    return int(value) if isinstance(value, float) and value.is_integer() else value
+
+
+#: Comes last: bounds that stand before it are in the document too.
+Whole = BeforeValidator(_whole)
+
+
 class _In(BaseModel):
-    model_config = ConfigDict(extra="forbid")
+    # As described: a number is no text, and false is no number.
+    model_config = ConfigDict(extra="forbid", strict=True)
 
 
 class StartSession(_In):
@@ -34,7 +44,9 @@ class GiveConsent(_In):
 class MeasuredDevice(_In):
     """What a page's device check has measured."""
 
-    width_px: int = Field(ge=0, le=100_000, description="Width of the page in CSS pixels.")
+    width_px: Annotated[
+        int, Field(ge=0, le=100_000, description="Width of the page in CSS pixels."), Whole
+    ]
     played: bool = Field(False, description="Whether the test clip played to its end.")
     mbit_s: float | None = Field(None, ge=0, le=1e6, allow_inf_nan=False)
 
@@ -44,7 +56,9 @@ class GoOn(_In):
 
 
 class Watched(_In):
-    index: int = Field(ge=0, le=1_000, description="Place of the video in the list, from 0.")
+    index: Annotated[
+        int, Field(ge=0, le=1_000, description="Place of the video in the list, from 0."), Whole
+    ]
 
 
 class Answers(_In):
@@ -69,7 +83,7 @@ class Happened(_In):
 class Respond(BaseModel):
     """A response. Fields that are not known yet are taken and let go."""
 
-    model_config = ConfigDict(extra="ignore")
+    model_config = ConfigDict(extra="ignore", strict=True)
 
     query_id: str = Field(min_length=1, max_length=64)
     response: Literal["left", "right", "skip"]
@@ -80,7 +94,7 @@ class Respond(BaseModel):
         allow_inf_nan=False,
         description="Milliseconds from both videos having begun to play to the press.",
     )
-    replays: int | None = Field(None, ge=0, le=100_000)
+    replays: Annotated[int, Field(ge=0, le=100_000), Whole] | None = None
     skip_reason: str | None = Field(None, max_length=60)
     events: list[Happened] = Field(default_factory=list, max_length=1_000)
 

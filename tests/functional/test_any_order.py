@@ -16,9 +16,10 @@ from app.services import accounts
 from app.services.background import Background
 from app.services.studio import Studio, open_studio
 from tests.conftest import Clock, StudyShelf
-from tests.fuzz.passage import Passage, World
+from tests.fuzz.passage import Passage
 from tests.fuzz.person import PLAN
 from tests.fuzz.plugin import Fuzz
+from tests.fuzz.told import World
 
 from .client import Api
 from .conftest import EMAIL, PASSWORD
@@ -75,7 +76,7 @@ def test_what_is_stored_is_what_two_people_did(world: World, fuzz: Fuzz) -> None
     def one_round(seed: int) -> None:
         run_state_machine_as_test(
             seeded(seed)(Here) if fuzz.seconds else Here,
-            settings=fuzz.settings(8, stateful_step_count=30),
+            settings=fuzz.settings(5, stateful_step_count=30),
         )
 
     fuzz.rounds(PART, one_round)

@@ -257,6 +257,7 @@ WRONG_STARTS: list[Any] = [
     {"external_ids": {"PROLIFIC_PID": "a" * 201}},
     {"external_ids": {f"k{n}": "a" for n in range(21)}},
     {"external_ids": {"PROLIFIC_PID": 7}},
+    {"language": 7},
     [],
     None,
 ]
@@ -278,6 +279,9 @@ WRONG_RESPONSES: list[dict[str, Any]] = [
     {"query_id": ""},
     {"rt_ms": -1},
     {"rt_ms": "soon"},
+    {"rt_ms": "700"},
+    {"rt_ms": False},
+    {"replays": 1.5},
     {"replays": -1},
     {"events": [{"event": "playing", "side": "top", "time_ms": 1}]},
     {"events": [{"event": "playing", "side": None}]},

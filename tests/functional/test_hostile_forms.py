@@ -1,0 +1,88 @@
+"""Every page and every form, filled in as nobody does: nothing is a fault of the server's.
+
+Whoever sends it is let in, so that what is behind the door is tried. At length by `make fuzz`.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+
+import pytest
+from fastapi import FastAPI
+from hypothesis import given
+from hypothesis import seed as seeded
+
+from app.services.settings import Settings
+from tests.fuzz import forms
+from tests.fuzz.plugin import Fuzz
+
+from .client import Api
+from .house import House
+from .role_rules import IN, RULES, Rule
+
+PART = "hostile forms and addresses"
+
+#: Streams, and what other processes are begun for: they have tests of their own.
+LEFT_OUT = {
+    "POST /drafts/{public_id}/transcode",
+    "POST /studies/{slug}/simulate",
+}
+
+
+@pytest.fixture
+def settings(settings: Settings) -> Settings:
+    """No browser: it would take pictures for the ethics bundle."""
+    return settings.model_copy(update={"chromium": "no-such-browser"})
+
+
+def let_in(rule: Rule) -> str:
+    """Somebody at a browser who is let in: the owner, if they are."""
+    return next(caller for caller in ("owner", "admin", "nobody") if rule.expected(caller) == IN)
+
+
+def names_of_fields(house: House, targets: Sequence[forms.Target]) -> list[str]:
+    """Those of all forms on all pages."""
+    found = set()
+    for target in targets:
+        if target.method == "GET":
+            rule = RULES[target.route]
+            found |= set(
+                re.findall(r'name="([\w-]+)"', house.ask(let_in(rule), target.route, rule).text)
+            )
+    return sorted(found - {"csrf_token"})
+
+
+def test_nothing_that_is_filled_in_is_a_fault_of_the_server(
+    application: FastAPI, client: Api, house: House, fuzz: Fuzz
+) -> None:
+    described = client.get("/openapi.json").json()["paths"]
+    targets = [
+        target for target in forms.targets(application, described) if target.route not in LEFT_OUT
+    ]
+    names = names_of_fields(house, targets)
+    assert len(names) > 20
+
+    def one_round(seed: int) -> None:
+        for target in targets:
+            house.as_it_was()
+            try_it(target, seed)
+
+    def try_it(target: forms.Target, seed: int) -> None:
+        rule = RULES[target.route]
+        caller = let_in(rule)
+
+        @given(forms.made_up(target, house.known(rule), house.form_token(caller), names))
+        def one(sent: forms.Sent) -> None:
+            headers = {"Content-Type": sent.content_type} if sent.content is not None else {}
+            answer = house.send(
+                caller, target.method, sent.address, content=sent.content, headers=headers
+            )
+            fuzz.case(PART, target.route, answer.status_code)
+            assert answer.status_code < 500, answer.text
+            if target.method == "POST" and answer.status_code in (200, 303):
+                house.as_it_was()
+
+        fuzz.settings(2)(seeded(seed)(one) if fuzz.seconds else one)()
+
+    fuzz.rounds(PART, one_round)

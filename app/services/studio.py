@@ -14,6 +14,7 @@ from app.storage.schema import migrate
 from . import transcode_job
 from .background import Background
 from .errors import ConflictError
+from .ethics import bundle_job
 from .fault_counts import FaultCounts
 from .in_process import InProcess
 from .ledger import Ledger
@@ -86,7 +87,10 @@ def open_studio(
         ledger=Ledger(settings.ledger_path),
         now=now,
         seed=seed,
-        works={transcode_job.KIND: transcode_job.transcode_draft},
+        works={
+            transcode_job.KIND: transcode_job.transcode_draft,
+            bundle_job.KIND: bundle_job.make_bundle,
+        },
     )
 
 

@@ -6,6 +6,7 @@ import logging
 from collections.abc import Callable
 
 from . import fault_counts, unconsented
+from .ethics import bundle
 from .studio import Studio
 
 log = logging.getLogger(__name__)
@@ -14,6 +15,7 @@ log = logging.getLogger(__name__)
 _SWEEPS: tuple[tuple[str, Callable[[Studio, Callable[[], bool]], int]], ...] = (
     ("sessions that never came to consent", unconsented.sweep),
     ("old counts of faults", fault_counts.sweep),
+    ("ethics bundles that nobody has any more", bundle.sweep),
 )
 
 

@@ -5,13 +5,14 @@ from __future__ import annotations
 from itertools import groupby
 
 from fastapi import APIRouter, Request
-from fastapi.responses import Response
+from fastapi.responses import FileResponse, RedirectResponse, Response
 
-from app.services import audit, sharing
+from app.services import sharing
+from app.services.errors import NotFoundError
 from app.services.ethics import bundle, fields, pictures
 
-from .desk import DesignOf, SignedIn
-from .screens import is_long, snapshots
+from .desk import DesignOf, OwnForm, SignedIn
+from .screens import snapshots
 from .security import StudioDep
 from .study_frame import study_page
 
@@ -34,28 +35,33 @@ def ethics(study: DesignOf, request: Request, studio: StudioDep, caller: SignedI
         expires_days=study.plan.session_expires_after_days,
         ties=sharing.ties(studio, study.slug),
         languages=study.plan.languages,
-        has_browser=pictures.browser(studio) is not None,
+        has_browser=pictures.browser(studio.settings) is not None,
+        made=bundle.made(studio, study),
+        job=bundle.under_way(studio, caller, study),
     )
 
 
+@router.post("/ethics/bundle", dependencies=[OwnForm])
+def make(study: DesignOf, request: Request, studio: StudioDep, caller: SignedIn) -> Response:
+    """Ask for everything as one zip: texts, screens, stored fields, versions, plan."""
+    pages = {
+        f"{language}/{name}": html
+        for language in study.plan.languages
+        for name, html in snapshots(request, studio, study, language)
+    }
+    bundle.ask(studio, caller, study, pages)
+    return RedirectResponse(f"/studies/{study.slug}/ethics", status_code=303)
+
+
 @router.get("/ethics.zip")
-def ethics_bundle(
-    study: DesignOf, request: Request, studio: StudioDep, caller: SignedIn
-) -> Response:
-    """Everything at a press: texts, screens, stored fields, versions, plan."""
-    files = bundle.documents(studio, study)
-    for language in study.plan.languages:
-        for name, html in snapshots(request, studio, study, language):
-            files[f"screens/{language}/{name}.html"] = html.encode()
-            picture = pictures.picture_of(studio, html, is_long=is_long(html))
-            if picture is not None:
-                files[f"screens/{language}/{name}.png"] = picture
-    audit.note_alone(studio, caller.email, "ethics bundle made", study.slug, files=len(files))
-    return Response(
-        bundle.zipped(files),
+def ethics_bundle(study: DesignOf, studio: StudioDep) -> Response:
+    """The bundle that was made last."""
+    made = bundle.made(studio, study)
+    if made is None:
+        raise NotFoundError("no ethics bundle of this study has been made yet")
+    return FileResponse(
+        made.path,
         media_type="application/zip",
-        headers={
-            "Content-Disposition": f'attachment; filename="{study.slug}-ethics.zip"',
-            "Cache-Control": "no-store",
-        },
+        filename=f"{study.slug}-ethics.zip",
+        headers={"Cache-Control": "no-store"},
     )

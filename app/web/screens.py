@@ -49,11 +49,6 @@ def snapshots(
         yield f"{number:02}-{name}", _standalone(page, stills)
 
 
-def is_long(html: str) -> bool:
-    """Whether a page may be taller than a window: those with videos are made to fit one."""
-    return '<main class="query"' not in html
-
-
 def _pages(
     request: Request, studio: Studio, study: StudyInfo, language: str
 ) -> Iterator[tuple[str, Response]]:

@@ -5,7 +5,7 @@ A new route needs a line in RULES: `"METHOD /path": <rule>`. The rules:
 | rule | who gets in |
 |---|---|
 | DESIGN, DATA, CHANGE, OWN | by the right to the study (app/services/access.py), for a page |
-| CHANGE_FORM, OWN_FORM | the same for a form: programs have no form of ours, and are refused |
+| DESIGN_FORM, CHANGE_FORM, OWN_FORM | the same for a form: programs have none of ours: refused |
 | API_DATA | by the right to the data, for a call: 401 instead of the way to the sign-in |
 | SIGNED_IN | everybody who is signed in, and their tokens |
 | MAKE, MAKE_FORM | whoever may make studies |
@@ -75,6 +75,7 @@ DESIGN = rule("design", **_NOT_THERE)
 DATA = rule("data", **_NOT_THERE, reviewer=403)
 CHANGE = rule("change", **_NOT_THERE, reviewer=403, read_token=403)
 OWN = rule("own", **_NOT_THERE, reviewer=403, read_token=403, shared=403)
+DESIGN_FORM = rule("design, by form", **_NOT_THERE, **_NO_TOKENS)
 CHANGE_FORM = rule("change, by form", **_NOT_THERE, **_NO_TOKENS, reviewer=403)
 OWN_FORM = rule("own, by form", **_NOT_THERE, **_NO_TOKENS, reviewer=403, shared=403)
 API_DATA = rule("data, by call", nobody=401, other=404, reviewer=403)
@@ -184,6 +185,7 @@ RULES: Mapping[str, Rule] = {
     "GET /studies/{slug}/plan/study.yaml": DESIGN,
     "GET /studies/{slug}/ethics": DESIGN,
     "GET /studies/{slug}/ethics.zip": DESIGN,
+    "POST /studies/{slug}/ethics/bundle": DESIGN_FORM,
     # Its data.
     "GET /studies/{slug}/live": DATA,
     "GET /studies/{slug}/events": DATA,

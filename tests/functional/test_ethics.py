@@ -6,8 +6,10 @@ import csv
 import hashlib
 import io
 import json
+import os
 import re
 import zipfile
+from datetime import timedelta
 from pathlib import Path
 
 import httpx
@@ -16,7 +18,8 @@ from PIL import Image
 
 from app.services import accounts, audit, revision, studies
 from app.services.accounts import Role
-from app.services.ethics import pictures, purposes
+from app.services.background import Background
+from app.services.ethics import bundle, bundle_job, pictures, purposes
 from app.services.ethics.screens import screens
 from app.services.settings import Settings
 from app.services.state import State
@@ -28,6 +31,7 @@ from .client import Api
 from .conftest import EMAIL, PASSWORD, Recruit
 from .own_study import write_own_study
 from .test_experimenter_pages import sign_in
+from .test_jobs import AtOnce, Never
 from .test_leaving import rows_of_people
 from .test_secrecy import TELLING, walk
 
@@ -58,8 +62,29 @@ def reviewer(client: Api, studio: Studio, recruit: Recruit) -> Api:
     return client
 
 
-def opened(answer: httpx.Response) -> zipfile.ZipFile:
+@pytest.fixture
+def background() -> Background:
+    return AtOnce(1)
+
+
+def ask(api: Api, slug: str = "short") -> None:
+    """Ask for the bundle by the form of its page."""
+    page = api.get(f"/studies/{slug}/ethics").text
+    found = re.search(r'name="csrf_token" value="([0-9a-f]+)"', page)
+    assert found, page
+    answer = api.post(f"/studies/{slug}/ethics/bundle", data={"csrf_token": found[1]})
+    assert answer.status_code == 303, answer.text
+
+
+def made(api: Api, slug: str = "short") -> httpx.Response:
+    """Ask for the bundle, and download it."""
+    ask(api, slug)
+    answer = api.get(f"/studies/{slug}/ethics.zip")
     assert answer.status_code == 200, answer.text
+    return answer
+
+
+def opened(answer: httpx.Response) -> zipfile.ZipFile:
     return zipfile.ZipFile(io.BytesIO(answer.content))
 
 
@@ -80,13 +105,13 @@ def test_a_reviewer_reads_what_is_kept_for_how_long_and_by_whom(reviewer: Api) -
     assert "365 days after a session has ended" in page
     for name in ("participants", "identities", "responses", "audit events"):
         assert f"{name.capitalize()}: about" in page
-    assert "/studies/short/ethics.zip" in page
+    assert "/studies/short/ethics/bundle" in page
 
 
 def test_the_bundle_holds_texts_screens_fields_and_plan(
     reviewer: Api, studio: Studio, client: Api
 ) -> None:
-    bundle = opened(reviewer.get("/studies/short/ethics.zip"))
+    bundle = opened(made(reviewer))
     names = bundle.namelist()
     consent = bundle.read("texts/version-1/en/consent.md")
     said = json.loads(bundle.read("versions.json"))
@@ -107,11 +132,11 @@ def test_the_bundle_holds_texts_screens_fields_and_plan(
         *("break", "questions-at-the-end", "debrief", "completed", "screened-out"),
         *("stopped", "declined", "privacy", "delete"),
     ]
-    assert audit.trail(studio, "short")[0].action == "ethics bundle made"
+    assert audit.trail(studio, "short")[0].action == "ethics bundle asked for"
 
 
 def test_screens_stand_for_themselves_and_tell_nothing(reviewer: Api) -> None:
-    bundle = opened(reviewer.get("/studies/short/ethics.zip"))
+    bundle = opened(made(reviewer))
     for name in bundle.namelist():
         if not name.startswith("screens/"):
             continue
@@ -154,10 +179,84 @@ def keys(state: State) -> set[str]:
 def test_the_same_study_gives_the_same_bytes_and_leaves_nobody(
     reviewer: Api, studio: Studio
 ) -> None:
-    first = reviewer.get("/studies/short/ethics.zip").content
-    assert reviewer.get("/studies/short/ethics.zip").content == first
+    first = made(reviewer).content
+    assert made(reviewer).content == first
     people = ("participants", "sessions", "trials", "queries", "identities")
     assert not rows_of_people(studio).keys() & set(people)
+
+
+def test_a_bundle_is_downloaded_once_it_was_made_by_whoever_may_see_the_design(
+    reviewer: Api, studio: Studio
+) -> None:
+    before = reviewer.get("/studies/short/ethics")
+    assert "ethics.zip" not in before.text
+    assert reviewer.get("/studies/short/ethics.zip").status_code == 404
+    answer = made(reviewer)
+    assert answer.headers["content-type"] == "application/zip"
+    assert 'filename="short-ethics.zip"' in answer.headers["content-disposition"]
+    assert answer.headers["cache-control"] == "no-store"
+    assert "The last bundle was made" in reviewer.get("/studies/short/ethics").text
+    # What was laid ready for the job is gone with it.
+    folder = bundle_job.folder(studio.settings)
+    study_id = studies.find(studio, "short").id
+    assert [path.name for path in folder.iterdir()] == [f"{study_id}.zip"]
+    # It was another one's job: its progress is theirs, the bundle is everybody's who may.
+    assert sign_in(reviewer, EMAIL).status_code == 303
+    assert reviewer.get("/studies/short/ethics.zip").content == answer.content
+
+
+def test_a_bundle_that_fails_is_told_and_the_former_one_stays(
+    reviewer: Api, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    former = made(reviewer).content
+    with monkeypatch.context() as patch:
+        patch.setattr(pictures, "picture_of", None)
+        ask(reviewer)
+    page = reviewer.get("/studies/short/ethics").text
+    assert "The bundle could not be made" in page
+    assert reviewer.get("/studies/short/ethics.zip").content == former
+
+
+def test_a_job_that_is_begun_again_at_its_very_end_leaves_the_bundle(
+    reviewer: Api, studio: Studio
+) -> None:
+    former = made(reviewer).content
+    study_id = studies.find(studio, "short").id
+    asked = {"laid": "gone-1", "study_id": study_id}
+    bundle_job.make_bundle(studio.settings, asked, lambda *_: None)
+    assert reviewer.get("/studies/short/ethics.zip").content == former
+
+
+def test_bundles_of_studies_that_are_gone_and_what_was_laid_ready_in_vain_are_removed(
+    reviewer: Api, studio: Studio, clock: Clock
+) -> None:
+    made(reviewer)
+    folder = bundle_job.folder(studio.settings)
+    study_id = studies.find(studio, "short").id
+    (folder / f"{study_id + 1}.zip").write_bytes(b"of a study that is gone")
+    laid = bundle_job.lay_ready(studio.settings, {"plan.json": b"{}"}, 1)
+    assert bundle.sweep(studio) == 1
+    long_ago = (clock.now() - timedelta(days=8)).timestamp()
+    os.utime(folder / laid, (long_ago, long_ago))
+    assert bundle.sweep(studio) == 1
+    assert [path.name for path in folder.iterdir()] == [f"{study_id}.zip"]
+
+
+class TestWhileItIsMade:
+    @pytest.fixture
+    def background(self) -> Background:
+        return Never(1)
+
+    def test_its_page_shows_how_far_it_is_to_whoever_asked(
+        self, reviewer: Api, studio: Studio
+    ) -> None:
+        ask(reviewer)
+        page = reviewer.get("/studies/short/ethics").text
+        assert 'data-state="waiting"' in page
+        # One is enough.
+        assert "/ethics/bundle" not in page
+        assert sign_in(reviewer, EMAIL).status_code == 303
+        assert 'data-testid="job"' not in reviewer.get("/studies/short/ethics").text
 
 
 def test_texts_of_every_version_and_language_are_in_it(
@@ -169,7 +268,7 @@ def test_texts_of_every_version_and_language_are_in_it(
     revision.revise(studio, studies.load_folder(str(folder)))
     accounts.create(studio, EMAIL, PASSWORD)
     sign_in(client)
-    bundle = opened(client.get("/studies/kettles/ethics.zip"))
+    bundle = opened(made(client, "kettles"))
     for version in (1, 2):
         for language in ("en", "ja"):
             assert f"texts/version-{version}/{language}/debrief.md" in bundle.namelist()
@@ -192,22 +291,24 @@ class TestWithABrowser:
     def test_a_page_becomes_a_picture_once(
         self, studio: Studio, monkeypatch: pytest.MonkeyPatch
     ) -> None:
-        assert pictures.browser(studio) is not None, "expected a Chromium (apt install chromium)"
+        assert pictures.browser(studio.settings) is not None, (
+            "expected a Chromium (apt install chromium)"
+        )
         html = (
             "<!doctype html><style>body { margin: 0; background: #fff }"
             " p { height: 900px; margin: 0; background: #123456 }</style><p>"
         )
-        taken = pictures.picture_of(studio, html)
+        taken = pictures.picture_of(studio.settings, html)
         assert taken is not None
         with Image.open(io.BytesIO(taken)) as picture:
             assert picture.size == (1280, 932)
             assert picture.getpixel((640, 450)) == (0x12, 0x34, 0x56)
             assert picture.getpixel((640, 931)) == (255, 255, 255)
         monkeypatch.setattr(pictures, "_take", None)
-        assert pictures.picture_of(studio, html) == taken
+        assert pictures.picture_of(studio.settings, html) == taken
 
     def test_a_browser_that_fails_leaves_the_pages(
         self, studio: Studio, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         monkeypatch.setattr(pictures, "browser", lambda _: "/bin/false")
-        assert pictures.picture_of(studio, "<p>") is None
+        assert pictures.picture_of(studio.settings, "<p>") is None

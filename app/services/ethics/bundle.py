@@ -3,27 +3,33 @@
 from __future__ import annotations
 
 import hashlib
-import io
 import json
-import zipfile
-from collections.abc import Mapping
+import shutil
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from datetime import datetime
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
 
 from sqlalchemy import select
 
 from app import __version__
 from app.pbbo import ENGINE_VERSION
-from app.services import sharing
+from app.services import audit, jobs, sharing
+from app.services.accounts import Experimenter
+from app.services.errors import NotFoundError
 from app.services.studies import StudyInfo, stored_plan
 from app.services.studio import Studio
-from app.storage.tables import PlanVersion
+from app.storage.tables import PlanVersion, Study
 from app.study import texts
 
-from . import fields
+from . import bundle_job, fields
 
 #: The texts of a study in the order in which people read them.
 ORDER = ("welcome", "consent", "instructions", "debrief")
+
+
+#: How long what was laid ready waits for its job.
+_LAID_FOR = timedelta(days=7)
 
 
 @dataclass(frozen=True)
@@ -81,16 +87,63 @@ def documents(studio: Studio, study: StudyInfo) -> dict[str, bytes]:
     return found
 
 
-def zipped(files: Mapping[str, bytes]) -> bytes:
-    """One zip of these files: the same files give the same bytes."""
-    sink = io.BytesIO()
-    with zipfile.ZipFile(sink, "w", zipfile.ZIP_DEFLATED) as archive:
-        for name in sorted(files):
-            entry = zipfile.ZipInfo(name, date_time=(1980, 1, 1, 0, 0, 0))
-            entry.compress_type = zipfile.ZIP_DEFLATED
-            entry.external_attr = 0o644 << 16
-            archive.writestr(entry, files[name])
-    return sink.getvalue()
+@dataclass(frozen=True)
+class Made:
+    """A bundle that was made, and when."""
+
+    path: Path
+    made_at: datetime
+
+
+def made(studio: Studio, study: StudyInfo) -> Made | None:
+    """The study's bundle; None if there is none yet."""
+    path = bundle_job.bundle_path(studio.settings, study.id)
+    try:
+        return Made(path, datetime.fromtimestamp(path.stat().st_mtime, UTC))
+    except FileNotFoundError:
+        return None
+
+
+def ask(
+    studio: Studio, caller: Experimenter, study: StudyInfo, pages: Mapping[str, str]
+) -> jobs.JobInfo:
+    """Ask for the study's bundle. pages: HTML of every screen by `LANGUAGE/NAME`."""
+    files = {f"{bundle_job.SCREENS}/{name}.html": html.encode() for name, html in pages.items()}
+    files.update(documents(studio, study))
+    laid = bundle_job.lay_ready(studio.settings, files, caller.account_id)
+    audit.note_alone(studio, caller.email, "ethics bundle asked for", study.slug, files=len(files))
+    return jobs.ask(
+        studio, caller, bundle_job.KIND, {"laid": laid, "study_id": study.id}, study_id=study.id
+    )
+
+
+def under_way(studio: Studio, caller: Experimenter, study: StudyInfo) -> jobs.JobInfo | None:
+    """The newest job that makes the study's bundle, if it is the caller's; revived if need be."""
+    job = jobs.newest(studio, bundle_job.KIND, study_id=study.id)
+    try:
+        return None if job is None else jobs.look(studio, caller, job.public_id)
+    except NotFoundError:
+        return None
+
+
+def sweep(studio: Studio, stop: Callable[[], bool] = lambda: False) -> int:
+    """Remove bundles of studies that are gone, and what was laid ready for a job that never ran."""
+    folder = bundle_job.folder(studio.settings)
+    with studio.database.read() as session:
+        there = {str(study_id) for study_id in session.scalars(select(Study.id))}
+    gone = 0
+    for path in sorted(folder.iterdir()) if folder.is_dir() else ():
+        if stop():
+            break
+        age = studio.now() - datetime.fromtimestamp(path.stat().st_mtime, UTC)
+        if path.is_dir() and age > _LAID_FOR:
+            shutil.rmtree(path, ignore_errors=True)
+        elif path.suffix == ".zip" and path.stem not in there:
+            path.unlink(missing_ok=True)
+        else:
+            continue
+        gone += 1
+    return gone
 
 
 def _versions_said(studio: Studio, study: StudyInfo) -> dict[str, object]:

@@ -15,7 +15,7 @@ from pathlib import Path
 
 from PIL import Image, ImageChops
 
-from app.services.studio import Studio
+from app.services.settings import Settings
 from app.video.decoding import Decoder
 from app.video.facts import UnreadableVideoError
 
@@ -36,9 +36,9 @@ _MARGIN = 32
 _PATIENCE_S = 60
 
 
-def browser(studio: Studio) -> str | None:
+def browser(settings: Settings) -> str | None:
     """The browser that pictures are taken with; None if there is none."""
-    named = studio.settings.chromium
+    named = settings.chromium
     return next(
         (path for name in ([named] if named else _BROWSERS) if (path := shutil.which(name))), None
     )
@@ -62,17 +62,22 @@ def _still(decoder: Decoder, video: Path) -> str | None:
     return f"data:image/jpeg;base64,{base64.b64encode(picture).decode('ascii')}"
 
 
-def picture_of(studio: Studio, html: str, *, is_long: bool = True) -> bytes | None:
+def is_long(html: str) -> bool:
+    """Whether a page may be taller than a window: those with videos are made to fit one."""
+    return '<main class="query"' not in html
+
+
+def picture_of(settings: Settings, html: str, *, is_long: bool = True) -> bytes | None:
     """The page as PNG; None if no browser is there, or if it took too long.
 
     is_long: whether a page may be taller than a window; others are shown as one screen.
 
     The same page is taken once, and kept by its content in the data folder.
     """
-    executable = browser(studio)
+    executable = browser(settings)
     if executable is None:
         return None
-    kept = studio.settings.data_dir / "screens" / f"{hashlib.sha256(html.encode()).hexdigest()}.png"
+    kept = settings.data_dir / "screens" / f"{hashlib.sha256(html.encode()).hexdigest()}.png"
     if not kept.exists():
         taken = _take(executable, html, LONG_HEIGHT if is_long else HEIGHT)
         if taken is None:

@@ -20,6 +20,8 @@ from app.storage.tables import QueryRow, SessionRow, Trial
 SHOWN = timedelta(days=7)
 #: How a query is called in the record where no model could be fitted.
 _NO_FIT = "random-fallback"
+#: What jobs make, in words.
+_WORK = {"simulate": "A simulation", "ethics": "An ethics bundle"}
 #: More jobs that failed tell nothing more.
 _MOST_JOBS = 3
 
@@ -158,7 +160,7 @@ def _failed_jobs(session: Session, study_id: int, since: datetime) -> Iterator[T
         if job.ended_at is not None:
             yield Trouble(
                 "job",
-                f"Work that was asked for ({job.kind}) failed: {job.message}.",
+                f"{_WORK.get(job.kind, 'Work')} that was asked for failed: {job.message}.",
                 job.ended_at,
                 "Ask for it again. If it fails again, the server's log says more.",
             )

@@ -11,8 +11,7 @@ from pathlib import Path
 
 import procrastinate
 
-from app.services import design, logs
-from app.services.errors import ConflictError
+from app.services import design, logs, safety
 from app.services.in_process import InProcess
 from app.services.settings import Settings
 from app.services.studio import open_studio
@@ -28,15 +27,6 @@ _LOOK_S = 1.0
 _TRY_AGAIN_S = 2.0
 
 
-def require_workers_apart(settings: Settings) -> None:
-    """Raises ConflictError where servers leave nothing to workers."""
-    if not settings.workers_apart:
-        raise ConflictError(
-            "expected PBPO_WORKERS_APART=true, for the worker as for the servers, got false:"
-            " servers do without workers then"
-        )
-
-
 def work(
     settings: Settings,
     videos: int,
@@ -50,7 +40,7 @@ def work(
     ready: called once it takes tasks. alive: a file that is touched as long as it reaches the
     database. Logs are lines of JSON. Raises ConflictError without the setting.
     """
-    require_workers_apart(settings)
+    safety.require_workers_apart(settings)
     logs.write_json()
     logging.getLogger("procrastinate").setLevel(logging.WARNING)
     # It tells of each task that failed, and so do we.

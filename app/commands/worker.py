@@ -28,9 +28,11 @@ def worker(
     """
     settings = settings_of(data_dir)
     # A command loads only what it needs, and this is all of the application.
-    from app.worker import require_workers_apart, work  # noqa: PLC0415
+    from app.services import safety  # noqa: PLC0415
 
-    require_workers_apart(settings)
+    safety.require_workers_apart(settings)
+    from app.worker import work  # noqa: PLC0415
+
     videos = jobs or settings.render_jobs
     work(
         settings,

@@ -15,7 +15,7 @@ from sqlalchemy.engine import make_url
 from . import accounts, demo
 from .errors import ConflictError
 from .settings import Settings
-from .studio import Studio
+from .studio import Studio, require_queue
 
 #: Bits of a folder's mode that let others than its owner in.
 _OTHERS = stat.S_IRWXG | stat.S_IRWXO
@@ -28,6 +28,16 @@ def require_servable(settings: Settings, workers: int) -> None:
             f"expected one worker on SQLite, which has one writer at a time, got {workers}: several"
             " need PostgreSQL (PBPO_DATABASE_URL)"
         )
+
+
+def require_workers_apart(settings: Settings) -> None:
+    """Raises ConflictError where servers leave nothing to workers, or workers cannot do it."""
+    if not settings.workers_apart:
+        raise ConflictError(
+            "expected PBPO_WORKERS_APART=true, for the worker as for the servers, got false:"
+            " servers do without workers then"
+        )
+    require_queue()
 
 
 def require_safe(studio: Studio, host: str) -> None:

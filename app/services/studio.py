@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
+from importlib.util import find_spec
 
 from threadpoolctl import threadpool_limits
 
@@ -94,17 +95,21 @@ def open_studio(
     )
 
 
+def require_queue() -> None:
+    """Raises ConflictError where what workers need is not installed: others do without."""
+    if find_spec("procrastinate") is None:
+        raise ConflictError(
+            "expected Procrastinate to be installed, which PBPO_WORKERS_APART needs, and it is not:"
+            " pip install 'pbpo-studio[postgresql]'"
+        )
+
+
 def _with_workers(database: Database, background: Background | None) -> Background:
     """The door to workers, unless another one is given; their queue is there from now on."""
-    try:
-        # Whoever does without workers need not have it installed.
-        from app.storage import task_queue  # noqa: PLC0415
+    require_queue()
+    from app.storage import task_queue  # noqa: PLC0415
 
-        from .apart import Apart  # noqa: PLC0415
-    except ImportError as error:
-        raise ConflictError(
-            f"expected what PBPO_WORKERS_APART needs to be installed, and {error.name} is not:"
-            " pip install 'pbpo-studio[postgresql]'"
-        ) from None
+    from .apart import Apart  # noqa: PLC0415
+
     task_queue.prepare(database)
     return background or Apart(task_queue.TaskQueue(database))

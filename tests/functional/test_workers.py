@@ -184,6 +184,10 @@ def test_workers_need_postgresql_and_the_setting(
     monkeypatch.setenv("PBPO_DATABASE_URL", settings.database_url)
     assert "expected PBPO_WORKERS_APART=true" in mistake(pbpo("worker"))
     monkeypatch.setenv("PBPO_WORKERS_APART", "true")
+    with monkeypatch.context() as without:
+        without.setitem(sys.modules, "procrastinate", None)
+        lacking = [mistake(pbpo(*words)) for words in (("worker",), ("study", "list"))]
+        assert ["pip install 'pbpo-studio[postgresql]'" in one for one in lacking] == [True, True]
     monkeypatch.setenv("PBPO_DATABASE_URL", "")
     for command in (("worker",), ("serve", "--port", 0)):
         said = mistake(pbpo(*command))

@@ -10,7 +10,7 @@ PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constr
 ON_POSTGRESQL := $(addprefix tests/functional/test_, $(addsuffix .py, session at_once places sent_twice \
 	entry_links exports leaving returning undo lifecycle refusals))
 
-.PHONY: demo test test-postgresql lint messages screenshots no-wait watching calibration bench clean
+.PHONY: demo test test-postgresql lint messages screenshots no-wait watching load chaos calibration bench fuzz clean
 .DEFAULT_GOAL := demo
 
 $(VENV)/.made:
@@ -70,8 +70,22 @@ no-wait: $(VENV)/.dev
 watching: $(VENV)/.dev
 	@$(BIN)/python -m tests.browser.measure_watching
 
+# A crowd of evaluators, videos included, from 10 to 200 at once: about 6 minutes, on a machine that does nothing else.
+load: $(VENV)/.dev
+	@$(BIN)/python -m tests.load.measure --evaluators 10 50 100 200
+	@$(BIN)/python -m tests.load.measure --evaluators 100 --postgresql --workers 2
+
+# The server killed, its database stopped, its disk full, and more, under a crowd: about 10 minutes.
+chaos: $(VENV)/.dev
+	@$(BIN)/python -m tests.load.chaos --times 20
+
 calibration: $(VENV)/.app
 	@$(BIN)/python -m app.crane.calibration
+
+# Calls, forms and actions in any order, by chance: so many seconds for each part, then a table. FUZZ_SEED repeats a round.
+FUZZ_SECONDS ?= 120
+fuzz: $(VENV)/.dev
+	$(BIN)/python -m pytest --fuzz $(FUZZ_SECONDS) $(if $(FUZZ_SEED),--fuzz-seed $(FUZZ_SEED)) $(addprefix tests/functional/test_, openapi.py hostile_forms.py any_order.py)
 
 bench: $(VENV)/.bench
 	@$(BIN)/python -m app.lab.bench

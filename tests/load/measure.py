@@ -30,6 +30,8 @@ from .study import STUDY, make_videos, open_shipped
 
 #: Within which a next query should come, in 95 of 100 cases, in milliseconds.
 AIM_MS = 100.0
+#: For whom the last line says what they would need.
+MANY = 10_000
 
 
 @dataclass(frozen=True)
@@ -42,13 +44,30 @@ class Cost:
     memory_mb: float
 
 
+@dataclass(frozen=True)
+class Seen:
+    """One run: responses in a second, megabytes of video in all, and what it took."""
+
+    rate: float
+    video_mb: float
+    cost: Cost
+
+
 def main() -> None:
     options = _options()
     sound = True
+    seen = []
     print(HEAD, flush=True)
     for evaluators in options.evaluators:
         with tempfile.TemporaryDirectory(prefix="pbpo-load-") as folder:
-            sound &= _run(Path(folder), evaluators, options)
+            log, cost, faults = _run(Path(folder), evaluators, options)
+        print(_row(evaluators, options, log, cost), flush=True)
+        for fault in faults:
+            print(f"  fault: {fault}")
+        sound &= not faults
+        seen.append(Seen(len(log.answer_s) / options.seconds, log.video_bytes / 1e6, cost))
+    if len(seen) > 1:
+        print(_foretold(seen, options))
     sys.exit(0 if sound else 1)
 
 
@@ -79,7 +98,7 @@ def database(folder: Path, *, postgresql: bool) -> Iterator[tuple[str, PostgresS
         server.close()
 
 
-def _run(folder: Path, evaluators: int, options: argparse.Namespace) -> bool:
+def _run(folder: Path, evaluators: int, options: argparse.Namespace) -> tuple[Log, Cost, list[str]]:
     make_videos(options.media_dir.resolve())
     with database(folder, postgresql=options.postgresql) as (url, postgres):
         settings = Settings(
@@ -95,10 +114,7 @@ def _run(folder: Path, evaluators: int, options: argparse.Namespace) -> bool:
             finally:
                 server.stop()
         lost = stored.faults(settings, STUDY, log, log.in_hand)
-    print(_row(evaluators, options, log, cost), flush=True)
-    for fault in [*lost, *log.faults[:5]]:
-        print(f"  fault: {fault}")
-    return not lost and not log.faults
+    return log, cost, [*lost, *log.faults[:5]]
 
 
 def _measure(
@@ -195,6 +211,26 @@ def _row(evaluators: int, options: argparse.Namespace, log: Log, cost: Cost) -> 
         f"{errors}",
     ]
     return f"| {' | '.join(cells)} |"
+
+
+def _foretold(seen: list[Seen], options: argparse.Namespace) -> str:
+    """What so many would need: a line fitted to the runs, cost against responses in a second."""
+    rates = np.array([run.rate for run in seen])
+
+    def per_response(values: list[float]) -> float:
+        return float(np.polyfit(rates, values, 1)[0])
+
+    server = per_response([run.cost.server_cpu for run in seen])
+    database = per_response([run.cost.database_cpu for run in seen])
+    video = per_response([run.video_mb / options.seconds for run in seen])
+    rate = MANY / options.think_s
+    return (
+        f"A response takes {1000 * server:.0f} ms of the server's processors"
+        f" and {1000 * database:.1f} ms of the database's, and {video:.2f} MB of video.\n"
+        f"{MANY:,} evaluators who think for {options.think_s:g} s: {rate:.0f} responses/s,"
+        f" {rate * server:.0f} processors that serve, {rate * database:.0f} for the database,"
+        f" {8 * rate * video / 1000:.1f} Gbit/s of video."
+    )
 
 
 if __name__ == "__main__":

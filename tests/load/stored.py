@@ -24,9 +24,14 @@ def faults(settings: Settings, slug: str, log: Log, in_hand: InHand) -> list[str
     """A sentence for each promise that was not kept; none, if all were."""
     studio = open_studio(settings, background=Idle(1))
     try:
-        return [*_responses(studio, log, in_hand), *_open_queries(studio), *_replayed(studio, slug)]
+        return faults_in(studio, slug, log, in_hand)
     finally:
         studio.close()
+
+
+def faults_in(studio: Studio, slug: str, log: Log, in_hand: InHand) -> list[str]:
+    """As `faults`, of a studio that is open."""
+    return [*_responses(studio, log, in_hand), *_asked_twice(studio), *_replayed(studio, slug)]
 
 
 def _responses(studio: Studio, log: Log, in_hand: InHand) -> list[str]:
@@ -54,8 +59,7 @@ def _responses(studio: Studio, log: Log, in_hand: InHand) -> list[str]:
     return found
 
 
-def _open_queries(studio: Studio) -> list[str]:
-    """Each place of a trial was asked once, and no session has two open queries."""
+def _asked_twice(studio: Studio) -> list[str]:
     with studio.database.read() as session:
         twice = session.execute(
             select(QueryRow.trial_id, QueryRow.query_index)

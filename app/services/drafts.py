@@ -86,7 +86,7 @@ def begin(studio: Studio, caller: Experimenter, name: str, sent: Sequence[Sent] 
         raise ForbiddenError(f"{caller.email} ({caller.role.value}) may not make studies")
     name = " ".join(name.split())[:LONGEST_NAME] or _name_of(sent) or "A new study"
     public_id = new_public_id()
-    draft = Draft(public_id, name, _folder(studio, public_id), studio.now())
+    draft = Draft(public_id, name, folder_of(studio, public_id), studio.now())
     draft.folder.mkdir(parents=True, mode=0o700)
     try:
         draft_files.store(draft.folder, sent, _limit(studio))
@@ -109,7 +109,7 @@ def clone(studio: Studio, caller: Experimenter, study: studies.StudyInfo, new_sl
         raise ForbiddenError(f"{caller.email} ({caller.role.value}) may not make studies")
     slug = beginning.slug_of(new_slug)
     public_id = new_public_id()
-    draft = Draft(public_id, slug, _folder(studio, public_id), studio.now())
+    draft = Draft(public_id, slug, folder_of(studio, public_id), studio.now())
     try:
         cloning.write_folder(studio, study.slug, draft.folder, slug)
         _keep_row(studio, caller, draft, "study cloned", study.slug)
@@ -202,6 +202,7 @@ def check(draft: Draft) -> Checked:
 
 def transcode(studio: Studio, caller: Experimenter, draft: Draft) -> jobs.JobInfo:
     """Ask for the draft's videos that some browser cannot play to be made ones that all play."""
+    _changed(studio, draft)
     return jobs.ask(studio, caller, transcode_job.KIND, {"draft": draft.public_id})
 
 
@@ -247,10 +248,11 @@ def _keep_row(
 
 
 def _draft(studio: Studio, row: StudyDraft) -> Draft:
-    return Draft(row.public_id, row.name, _folder(studio, row.public_id), row.changed_at)
+    return Draft(row.public_id, row.name, folder_of(studio, row.public_id), row.changed_at)
 
 
-def _folder(studio: Studio, public_id: str) -> Path:
+def folder_of(studio: Studio, public_id: str) -> Path:
+    """Where the files of the draft of this id lie."""
     # Whole: faults name files within it, and links are followed to see whether they lead out.
     return (studio.settings.uploads_dir / "drafts" / public_id).resolve()
 

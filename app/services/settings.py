@@ -72,6 +72,15 @@ class Settings(BaseSettings):
         int, Field(ge=1, description="What a study made in the browser may take, in megabytes.")
     ] = 4000
 
+    drafts_kept_days: Annotated[
+        int,
+        Field(
+            ge=1,
+            description="Days without a change after which a study that is being made in the"
+            " browser is thrown away.",
+        ),
+    ] = 60
+
     begun_per_hour: Annotated[
         int,
         Field(

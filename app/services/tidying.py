@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable
 
-from . import fault_counts, unconsented
+from . import fault_counts, old_drafts, unconsented
 from .ethics import bundle
 from .studio import Studio
 
@@ -14,6 +14,7 @@ log = logging.getLogger(__name__)
 #: What is cleared away, in words, and by what.
 _SWEEPS: tuple[tuple[str, Callable[[Studio, Callable[[], bool]], int]], ...] = (
     ("sessions that never came to consent", unconsented.sweep),
+    ("studies being made that nobody went on with", old_drafts.sweep),
     ("old counts of faults", fault_counts.sweep),
     ("ethics bundles that nobody has any more", bundle.sweep),
 )

@@ -9,7 +9,7 @@ from fastapi import APIRouter, Form, Request
 from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import RedirectResponse, Response
 
-from app.services import access, drafts, jobs, transcode_job
+from app.services import access, drafts, jobs, old_drafts, transcode_job
 from app.services.accounts import Experimenter
 from app.services.drafts import Draft
 from app.services.errors import ConflictError, ForbiddenError
@@ -181,6 +181,8 @@ def _draft_page(
         present=present,
         refused=refused,
         limit_mb=studio.settings.upload_limit_mb,
+        kept_until=old_drafts.kept_until(studio, draft),
+        kept_days=studio.settings.drafts_kept_days,
         job=jobs.newest(studio, transcode_job.KIND, draft=draft.public_id),
         **{"study": None, **more},
     )

@@ -128,8 +128,8 @@ def restore(source: Path, settings: Settings, ledgers: Sequence[Path], now: date
         _merge(settings.ledger_path, lines)
         studio = open_studio(settings, now=lambda: now)
         try:
-            _put_into_store(studio)
             again = redeletion.apply(studio, lines)
+            _settle_videos(studio)
             missing = _missing(studio)
             audit.note_alone(
                 studio,
@@ -172,14 +172,15 @@ def _own_videos(database: Database) -> list[str]:
         return sorted(set(session.scalars(statement)))
 
 
-def _put_into_store(studio: Studio) -> None:
-    """Move the restored videos to where the settings keep recordings now."""
-    if studio.recordings.origin is None or not studio.settings.uploads_dir.is_dir():
-        return
-    videos = [path for path in studio.settings.uploads_dir.iterdir() if path.is_file()]
-    studio.recordings.keep_files({path.name: path for path in videos})
-    for path in videos:
-        path.unlink()
+def _settle_videos(studio: Studio) -> None:
+    """Delete restored videos of studies that are deleted again; move the others to the store."""
+    videos = {path.name: path for path in studio.settings.uploads_dir.glob("*") if path.is_file()}
+    for name in videos.keys() - set(_own_videos(studio.database)):
+        videos.pop(name).unlink()
+    if studio.recordings.origin is not None:
+        studio.recordings.keep_files(videos)
+        for path in videos.values():
+            path.unlink()
 
 
 def _missing(studio: Studio) -> int:

@@ -9,12 +9,13 @@ from collections.abc import Callable, Hashable
 from concurrent.futures import Future
 from pathlib import Path
 from typing import Any, TypeVar
+from urllib.parse import unquote
 
 import pytest
 
 from app.crane import library
 from app.services import backups, cloning, lifecycle, safety, studies
-from app.services.errors import ConflictError
+from app.services.errors import ConflictError, StoreAwayError
 from app.services.recordings import (
     FILE,
     FoundSource,
@@ -26,6 +27,7 @@ from app.services.recordings import (
 from app.services.settings import Settings
 from app.services.stores import s3
 from app.services.stores.opening import open_stores
+from app.services.stores.store import Link
 from app.services.studies import StudyInfo
 from app.services.studio import Studio, open_studio
 from tests.conftest import STARTED, Idle
@@ -181,19 +183,60 @@ def test_a_backup_names_the_videos_in_the_store_and_a_restore_says_what_is_missi
 
 
 @pytest.mark.sqlite
-def test_videos_of_a_backup_are_put_into_the_store_that_the_settings_name(
-    settings: Settings, folder: Path, store: S3Server, tmp_path: Path
+@pytest.mark.parametrize("deleted_since", [False, True])
+def test_videos_of_a_backup_are_put_into_the_store_unless_their_study_was_deleted(
+    settings: Settings, folder: Path, store: S3Server, tmp_path: Path, deleted_since: bool
 ) -> None:
     in_a_folder = settings.model_copy(update={"recordings_url": ""})
     studio = open_studio(in_a_folder, background=Idle(1))
     studies.create(studio, studies.load_folder(str(folder)))
-    studio.close()
+    studies.open_study(studio, "kettles")
+    studies.close_study(studio, "kettles")
     held = backups.backup(in_a_folder, tmp_path / "backup.zip", STARTED)
     assert (held.store, held.elsewhere, held.files) == ("", 0, 4)
+    ledgers = []
+    if deleted_since:
+        lifecycle.delete(studio, "kettles", typed="kettles")
+        ledgers = [in_a_folder.ledger_path]
+    studio.close()
+
     new = settings.model_copy(update={"data_dir": tmp_path / "new"})
-    assert backups.restore(tmp_path / "backup.zip", new, [], STARTED).missing == 0
-    assert len(store.names()) == 4
+    restored = backups.restore(tmp_path / "backup.zip", new, ledgers, STARTED)
+    assert (restored.missing, restored.deleted_again) == (0, int(deleted_since))
+    assert len(store.names()) == (0 if deleted_since else 4)
     assert list(new.uploads_dir.iterdir()) == []
+
+
+def test_no_study_is_made_while_its_videos_cannot_be_kept(
+    studio: Studio, folder: Path, store: S3Server
+) -> None:
+    store.stop()
+    try:
+        with pytest.raises(StoreAwayError, match="cannot be reached"):
+            studies.create(studio, studies.load_folder(str(folder)))
+    finally:
+        store.start()
+    assert studies.all_studies(studio) == []
+
+
+@pytest.mark.parametrize(
+    ("changes", "site"),
+    [
+        ({"s3_public_endpoint": "https://s3.lab.example"}, "https://s3.lab.example"),
+        ({"s3_endpoint": ""}, f"https://{BUCKET}.s3.eu-central-1.amazonaws.com"),
+    ],
+)
+def test_links_lead_to_the_site_that_pages_may_load_from(
+    settings: Settings, monkeypatch: pytest.MonkeyPatch, changes: dict[str, str], site: str
+) -> None:
+    monkeypatch.setenv("AWS_DEFAULT_REGION", "eu-central-1")
+    stores = open_stores(settings.model_copy(update=changes))
+    assert stores.own.origin == stores.rendered.origin == site
+    place = stores.own.hand_out("a.webm", head=False)
+    assert isinstance(place, Link)
+    assert place.url.startswith(f"{site}/")
+    assert "video/webm" in unquote(place.url)
+    stores.own.close()
 
 
 def test_in_production_links_over_plain_http_are_refused(studio: Studio, store: S3Server) -> None:

@@ -50,8 +50,8 @@ class Bucket:
         self._away_until = 0.0
         session = _session()
         public = settings.s3_public_endpoint
-        self._client = _client(session, settings.s3_endpoint)
-        self._signer = _client(session, public) if public else self._client
+        self._client = _client(session, self._name, settings.s3_endpoint)
+        self._signer = _client(session, self._name, public) if public else self._client
         #: The site that its links lead to.
         self.origin = origin_of(self.sign("get_object", "any", 1))
 
@@ -123,15 +123,16 @@ def _session() -> Any:
     )
 
 
-def _client(session: Any, endpoint: str) -> Any:
+def _client(session: Any, bucket: str, endpoint: str) -> Any:
     return session.client(
         "s3",
         endpoint_url=endpoint or None,
         region_name=session.region_name or _REGION,
         config=Config(
             signature_version="s3v4",
-            # A store of one's own rarely has a name for each bucket.
-            s3={"addressing_style": "path" if endpoint else "auto"},
+            # A store of one's own rarely has a site for each bucket. Amazon does, and signs for the
+            # site of the bucket's region only if told so; no certificate is for names with dots.
+            s3={"addressing_style": "path" if endpoint or "." in bucket else "virtual"},
             connect_timeout=CONNECT_S,
             read_timeout=READ_S,
             retries={"mode": "standard", "total_max_attempts": 2},

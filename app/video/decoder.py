@@ -10,6 +10,8 @@ import base64
 import json
 import os
 import sys
+import threading
+import time
 from dataclasses import asdict
 from pathlib import Path
 from typing import IO, Any
@@ -20,12 +22,16 @@ from .limits import Limits, be_the_first_to_go, keep_to
 from .probing import probe
 from .stills import still
 
+#: How often it is looked whether somebody still waits for an answer, in seconds.
+_LOOKS_EVERY_S = 1.0
+
 
 def main() -> None:
     """Serve whoever started this process, until they close its input."""
     # What evaluators wait for comes first.
     os.nice(5)
     be_the_first_to_go()
+    threading.Thread(target=_end_with, args=(os.getppid(),), daemon=True).start()
     answers = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
     nowhere = os.open(os.devnull, os.O_WRONLY)
     os.dup2(nowhere, sys.stdout.fileno())
@@ -39,6 +45,13 @@ def main() -> None:
             _say(answers, is_too_large=True)
         except UnreadableVideoError as error:
             _say(answers, fault=str(error))
+
+
+def _end_with(parent: int) -> None:
+    """Leave when whoever started us is gone: a video may take long, and nobody waits for it."""
+    while os.getppid() == parent:
+        time.sleep(_LOOKS_EVERY_S)
+    os._exit(1)
 
 
 def _do(answers: IO[bytes], do: str, source: str, target: str = "") -> dict[str, Any]:

@@ -6,6 +6,7 @@ import os
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import replace
@@ -59,6 +60,33 @@ def test_the_process_ends_with_its_batch(tmp_path: Path) -> None:
         decoder.probe(write(tmp_path / "a.mp4"))
         process = process_of(decoder)
     assert process.returncode is not None
+
+
+def test_the_process_ends_with_whoever_started_it(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "hang.mp4")
+    program = """if True:
+        import sys, threading, time
+        from pathlib import Path
+        from app.video.decoding import Decoder
+        decoder = Decoder()
+        threading.Thread(target=decoder.probe, args=(Path(sys.argv[1]),), daemon=True).start()
+        while decoder._process is None:
+            time.sleep(0.01)
+        print(decoder._process.pid, flush=True)
+        time.sleep(60)
+    """
+    words = [sys.executable, "-c", program, str(tmp_path / "hang.mp4")]
+    with subprocess.Popen(words, stdout=subprocess.PIPE) as server:
+        assert server.stdout is not None
+        decoder = int(server.stdout.readline())
+        # It holds the video.
+        with (tmp_path / "hang.mp4").open("wb"):
+            assert Path(f"/proc/{decoder}").exists()
+            server.kill()
+            deadline = time.monotonic() + 30
+            while Path(f"/proc/{decoder}/exe").exists() and time.monotonic() < deadline:
+                time.sleep(0.05)
+            assert not Path(f"/proc/{decoder}/exe").exists()
 
 
 def test_a_video_that_takes_too_much_memory_is_named_and_the_next_one_read(

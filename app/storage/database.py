@@ -20,6 +20,9 @@ SQLITE_BUSY_TIMEOUT_MS = 15_000
 #: How long emptying the write-ahead log may wait for those who read, in milliseconds.
 SCRUB_TIMEOUT_MS = 2_000
 
+#: Connections of one process to PostgreSQL at the most: its server lets in 100 by default, from all.
+POSTGRESQL_CONNECTIONS = 20
+
 #: Execution option that marks a connection as one that will write.
 _WRITES = "pbpo_writes"
 
@@ -77,7 +80,14 @@ class Database:
 def _engine(url: str) -> Engine:
     # Parameters stay out of error messages, which end in logs: they hold platforms' ids.
     if make_url(url).get_backend_name() != "sqlite":
-        return create_engine(url, pool_pre_ping=True, hide_parameters=True)
+        return create_engine(
+            url,
+            pool_size=POSTGRESQL_CONNECTIONS // 2,
+            max_overflow=POSTGRESQL_CONNECTIONS // 2,
+            # One that the server cut meanwhile is replaced, and nobody notices.
+            pool_pre_ping=True,
+            hide_parameters=True,
+        )
     # One connection per thread of the server's pool: a waiting reader never starves a response.
     engine = create_engine(url, pool_size=16, max_overflow=32, hide_parameters=True)
     event.listen(engine, "connect", _configure_sqlite)

@@ -81,5 +81,7 @@ def _pattern(scope: Scope) -> str:
     """The pattern of the route that answered: one of few, whatever is asked for."""
     if scope["path"].startswith("/static/"):
         return "/static"
-    route = scope.get("route")
+    # A router within another knows the half of its pattern; the whole of it is told besides.
+    whole = scope.get("fastapi", {}).get("effective_route_context")
+    route = whole or scope.get("route")
     return str(getattr(route, "path", "none")) or "none"

@@ -188,6 +188,14 @@ def test_a_line_tells_what_happened_and_to_nobody(
         assert secret not in lines.getvalue()
 
 
+def test_a_line_names_the_whole_pattern_of_its_route(client: Api, lines: io.StringIO) -> None:
+    client.get("/api/v1/session")
+    client.get("/studies/short/ethics")
+    client.get("/nowhere")
+    named = [line["route"] for line in read(lines) if line["message"] == "request"]
+    assert named == ["/api/v1/session", "/studies/{slug}/ethics", "none"]
+
+
 def test_machines_that_ask_all_day_leave_no_lines_until_something_is_wrong(
     client: Api, studio: Studio, lines: io.StringIO
 ) -> None:

@@ -109,7 +109,7 @@ async def _take_tasks(
         for queue in QUEUES
     ]
     others = [
-        asyncio.create_task(_keep_watch(app, tasks, manner)),
+        asyncio.create_task(_keep_watch(tasks, manner)),
         asyncio.create_task(told.wait()),
     ]
     await asyncio.wait([*hands, *others], return_when=asyncio.FIRST_COMPLETED)
@@ -125,9 +125,9 @@ async def _take_tasks(
             raise error
 
 
-async def _keep_watch(app: procrastinate.App, tasks: WorkerTasks, manner: _Manner) -> None:
+async def _keep_watch(tasks: WorkerTasks, manner: _Manner) -> None:
     while True:
-        await tasks.take_back(app)
+        await asyncio.to_thread(tasks.take_back)
         if manner.alive is not None:
             manner.alive.touch()
         await asyncio.sleep(manner.pulse.beat_s)

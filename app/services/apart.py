@@ -11,7 +11,8 @@ from collections.abc import Callable, Hashable
 from concurrent.futures import CancelledError, Future
 from typing import Any, TypeVar
 
-from app.storage.task_queue import JOB, RENDER, RUNNING, WAITING, State, Task, TaskQueue
+from app.storage.task_queue import JOB, RENDER, State, Task, TaskQueue
+from app.storage.task_tables import RUNNING, WAITING
 
 from .background import Background, Queue
 from .in_process import InProcess

@@ -107,9 +107,9 @@ def require_queue() -> None:
 def _with_workers(database: Database, background: Background | None) -> Background:
     """The door to workers, unless another one is given; their queue is there from now on."""
     require_queue()
-    from app.storage import task_queue  # noqa: PLC0415
+    from app.storage import task_queue, task_tables  # noqa: PLC0415
 
     from .apart import Apart  # noqa: PLC0415
 
-    task_queue.prepare(database)
+    task_tables.prepare(database)
     return background or Apart(task_queue.TaskQueue(database))

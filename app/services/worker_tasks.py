@@ -18,8 +18,7 @@ from functools import partial
 from typing import Any, TypeVar
 
 import procrastinate
-from procrastinate.exceptions import ConnectorException
-from procrastinate.jobs import Job, Status
+from procrastinate.jobs import Job
 from sqlalchemy.exc import OperationalError
 
 from app.storage.task_queue import (
@@ -105,22 +104,12 @@ class WorkerTasks:
         self._stopping.set()
         self._jobs.close()
 
-    async def take_back(self, app: procrastinate.App) -> None:
+    def take_back(self) -> None:
         """Let those tasks be done by others whose worker was not heard of any more."""
-        silent_s = self._pulse.gone_after_s
-        for task in await app.job_manager.get_stalled_jobs(seconds_since_heartbeat=silent_s):
-            assert task.id is not None
-            times = await asyncio.to_thread(self._queue.note_loss, task.id)
-            try:
-                if times < MOST_LOSSES:
-                    await app.job_manager.retry_job(task)
-                    log.warning("a worker was lost; its task is done again", extra=_said(task))
-                else:
-                    fault = f"it was given up after {times} workers were lost at it"
-                    await asyncio.to_thread(self._give_up, task, fault)
-                    await app.job_manager.finish_job(task, Status.FAILED, delete_job=False)
-            except ConnectorException:
-                log.info("a lost task was taken back by another worker", extra=_said(task))
+        for lost in self._queue.take_back(self._pulse.gone_after_s, MOST_LOSSES):
+            log.warning("a worker was lost", extra={"task": lost.name, "what": lost.argument})
+            if lost.is_over and lost.name == JOB:
+                jobs.fail(self._studio.database, lost.argument, lost.fault)
 
     async def _render(
         self, context: procrastinate.JobContext, /, argument: str, **_noted: object

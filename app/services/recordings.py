@@ -227,11 +227,9 @@ def file_locator(file: str, sha256: str) -> str:
 
 
 def _put_all(store: Store, files: Mapping[str, Path]) -> None:
-    there = store.sizes(files)
-    new = {name: file for name, file in files.items() if name not in there}
     with ThreadPoolExecutor(_AT_ONCE) as threads:
         # Whatever goes wrong with one of them is raised here.
-        list(threads.map(store.put, new.keys(), new.values()))
+        list(threads.map(store.put, files.keys(), files.values()))
 
 
 def crane_locator(environment: str, candidate_index: int, run_index: int) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import time
 import zipfile
 from collections.abc import Callable, Hashable
 from concurrent.futures import Future
@@ -25,7 +26,7 @@ from app.services.recordings import (
     make_video,
 )
 from app.services.settings import Settings
-from app.services.stores import s3
+from app.services.stores import s3, s3_bucket
 from app.services.stores.opening import open_stores
 from app.services.stores.store import Link
 from app.services.studies import StudyInfo
@@ -205,6 +206,37 @@ def test_videos_of_a_backup_are_put_into_the_store_unless_their_study_was_delete
     assert (restored.missing, restored.deleted_again) == (0, int(deleted_since))
     assert len(store.names()) == (0 if deleted_since else 4)
     assert list(new.uploads_dir.iterdir()) == []
+
+
+def test_a_store_that_was_away_is_asked_again_after_a_while(
+    studio: Studio, store: S3Server, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(s3_bucket, "AWAY_S", 0.3)
+    store.stop()
+    try:
+        assert studio.recordings.fault() is not None
+    finally:
+        store.start()
+    store.asked.clear()
+    assert studio.recordings.fault() is not None
+    assert store.asked == []
+    time.sleep(0.4)
+    assert studio.recordings.fault() is None
+    assert studio.recordings.fault() is None
+    assert len(store.asked) == 2
+
+
+def test_a_video_that_another_process_has_thrown_away_is_kept_anew(
+    studio: Studio, store: S3Server, folder: Path
+) -> None:
+    videos = {f"{'a' * 64}.mp4": folder / "videos" / "a.mp4"}
+    studio.recordings.keep_files(videos)
+    elsewhere = Recordings(studio.database, studio.background, studio.settings)
+    elsewhere.throw_away(videos)
+    elsewhere.close()
+    assert store.names() == []
+    studio.recordings.keep_files(videos)
+    assert len(store.names()) == 1
 
 
 def test_no_study_is_made_while_its_videos_cannot_be_kept(

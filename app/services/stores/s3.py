@@ -32,10 +32,9 @@ PAGE = 1000
 class S3Store:
     """A `Store` over one folder of a bucket."""
 
-    def __init__(self, bucket: Bucket, folder: str, link_s: int = LINK_S) -> None:
+    def __init__(self, bucket: Bucket, folder: str) -> None:
         self._bucket = bucket
         self._folder = folder
-        self._link_s = link_s
         #: Bytes by name; None for what is missing.
         self._seen: Memory[str, int | None] = Memory()
         self._links: Memory[tuple[str, bool], str] = Memory()
@@ -61,7 +60,9 @@ class S3Store:
         return {name: size for name, size in found.items() if size is not None}
 
     def put(self, name: str, file: Path) -> None:
-        if self.sizes([name]):
+        # What is remembered does not count: another process may have thrown the file away.
+        self._look(name)
+        if self.at_hand(name):
             return
         with file.open("rb") as body:
             self._bucket.ask(
@@ -86,14 +87,14 @@ class S3Store:
 
     def hand_out(self, name: str, *, head: bool) -> Link:
         """The link; nobody is sent there in the second half of its time."""
-        half = self._link_s // 2
+        half = LINK_S // 2
         if (held := self._links.find((name, head))) is not None:
             url, left = held
             return Link(url, int(left))
         url = self._bucket.sign(
             "head_object" if head else "get_object",
             self._key(name),
-            self._link_s,
+            LINK_S,
             ResponseContentType=form_of(name),
             ResponseCacheControl=KEPT,
         )

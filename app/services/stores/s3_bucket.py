@@ -63,20 +63,26 @@ class Bucket:
 
     def ask(self, operation: str, **words: Any) -> Mapping[str, Any] | None:
         """The store's answer; None where there is no such thing. Raises StoreAwayError."""
-        if time.monotonic() < self._away_until:
+        now = time.monotonic()
+        if now < self._away_until:
             raise StoreAwayError(AWAY)
+        if self._away_until:
+            # One looks whether it is back; nobody else waits for that.
+            self._away_until = now + AWAY_S
         with self.patiently():
             try:
                 answer: Mapping[str, Any] = getattr(self._client, operation)(
                     Bucket=self._name, **words
                 )
             except ClientError as error:
+                self._away_until = 0.0
                 code = _code(error)
                 if code in ("404", "NoSuchKey", "NotFound"):
                     return None
                 # The code alone: a store's own words may hold addresses.
                 log.error("the store of recordings refuses %s: %s", operation, code)
                 raise StoreAwayError(f"the store of recordings refuses: {code}") from None
+        self._away_until = 0.0
         return answer
 
     @contextmanager

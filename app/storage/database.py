@@ -11,7 +11,8 @@ from contextlib import closing, contextmanager
 from typing import Any
 
 from sqlalchemy import Connection, Engine, create_engine, event
-from sqlalchemy.engine import make_url
+from sqlalchemy.engine import ExceptionContext, make_url
+from sqlalchemy.exc import DataError
 from sqlalchemy.orm import Session, sessionmaker
 
 #: How long a writer waits for another before it gives up, in milliseconds.
@@ -20,7 +21,7 @@ SQLITE_BUSY_TIMEOUT_MS = 15_000
 #: How long emptying the write-ahead log may wait for those who read, in milliseconds.
 SCRUB_TIMEOUT_MS = 2_000
 
-#: Connections of one process to PostgreSQL at the most: its server lets in 100 by default, from all.
+#: Connections of one process to PostgreSQL at the most: its server lets in 100 from all by default.
 POSTGRESQL_CONNECTIONS = 20
 
 #: Execution option that marks a connection as one that will write.
@@ -80,7 +81,7 @@ class Database:
 def _engine(url: str) -> Engine:
     # Parameters stay out of error messages, which end in logs: they hold platforms' ids.
     if make_url(url).get_backend_name() != "sqlite":
-        return create_engine(
+        engine = create_engine(
             url,
             pool_size=POSTGRESQL_CONNECTIONS // 2,
             max_overflow=POSTGRESQL_CONNECTIONS // 2,
@@ -88,10 +89,13 @@ def _engine(url: str) -> Engine:
             pool_pre_ping=True,
             hide_parameters=True,
         )
+        event.listen(engine, "handle_error", _not_storable)
+        return engine
     # One connection per thread of the server's pool: a waiting reader never starves a response.
     engine = create_engine(url, pool_size=16, max_overflow=32, hide_parameters=True)
     event.listen(engine, "connect", _configure_sqlite)
     event.listen(engine, "begin", _begin_sqlite)
+    event.listen(engine, "handle_error", _not_storable)
     return engine
 
 
@@ -112,3 +116,10 @@ def _configure_sqlite(connection: Any, _record: Any) -> None:
 def _begin_sqlite(connection: Connection) -> None:
     writes = connection.get_execution_options().get(_WRITES, False)
     connection.exec_driver_sql("BEGIN IMMEDIATE" if writes else "BEGIN")
+
+
+def _not_storable(context: ExceptionContext) -> None:
+    """Drivers differ in how they refuse what no column can hold: here it is always a DataError."""
+    refused = context.original_exception
+    if isinstance(refused, OverflowError | UnicodeEncodeError):
+        raise DataError(context.statement, None, refused, hide_parameters=True) from None

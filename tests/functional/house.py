@@ -12,13 +12,15 @@ from typing import Any
 import httpx
 from fastapi import FastAPI
 from fastapi.routing import iter_route_contexts
+from sqlalchemy import select
 
-from app.services import accounts, drafts, studies
+from app.services import accounts, admission, drafts, participation, studies
 from app.services.accounts import Role, Scope
 from app.services.studio import Studio
 from app.storage.accounts import StudyAccess
 from app.storage.records import Job
-from app.web.security import SIGN_IN_COOKIE
+from app.storage.tables import SessionRow
+from app.web.security import SIGN_IN_COOKIE, session_cookie
 from tests.databases import Databases
 
 from .client import Api
@@ -75,6 +77,10 @@ class Kept:
                 )
             )
         self.draft = drafts.begin(studio, owner, "mine").public_id
+        self.evaluators = dict(_evaluators(studio))
+        with studio.database.read() as session:
+            row = session.scalars(select(SessionRow).order_by(SessionRow.id)).all()[-1]
+            self.session_id, self.participant = row.public_id, row.participant.pseudonym
         self.cookies = {
             name: accounts.sign_in(studio, one.email, PASSWORD) for name, one in people.items()
         }
@@ -88,6 +94,17 @@ class Kept:
         shutil.copytree(studio.settings.uploads_dir, self.uploads)
 
 
+def _evaluators(studio: Studio) -> Iterator[tuple[str, str]]:
+    """Sessions whose browsers are at these stages, by their tokens."""
+    for stage in ("consent", "instructions", "query"):
+        token, state = admission.start(studio, "short")
+        if stage != "consent":
+            state = participation.consent(studio, token, state["consent"]["version"])
+        while stage == "query" and state["stage"] != stage:
+            state = participation.go_on(studio, token)
+        yield f"evaluator at {stage}", token
+
+
 class House:
     """Everybody at the door of the application; each form finds things as they were."""
 
@@ -97,6 +114,9 @@ class House:
         self._databases = databases
         self._kept = kept
         self.draft = kept.draft
+        self.evaluators = tuple(kept.evaluators)
+        #: Of the evaluator who has come furthest.
+        self.of_an_evaluator = {"session_id": kept.session_id, "participant": kept.participant}
         self.cookies = kept.cookies
         self.as_it_was()
 
@@ -138,6 +158,8 @@ class House:
         self._client.cookies.clear()
         if caller in self.cookies:
             self._client.cookies.set(SIGN_IN_COOKIE, self.cookies[caller])
+        if caller in self._kept.evaluators:
+            self._client.cookies.set(session_cookie("short"), self._kept.evaluators[caller])
         if caller in self._kept.tokens:
             headers["Authorization"] = f"Bearer {self._kept.tokens[caller]}"
         return self._client.request(method, path, headers=headers, **options)

@@ -119,10 +119,11 @@ def targets(application: FastAPI, described: Collection[str]) -> Iterator[Target
             yield Target(method, context.path, fields)
 
 
+@st.composite
 def made_up(
-    target: Target, known: Mapping[str, str], token: str, names: Sequence[str]
-) -> st.SearchStrategy[Sent]:
-    """Requests to the target. known: what stands in its path and in a form of its own.
+    draw: st.DrawFn, target: Target, known: Mapping[str, str], token: str, names: Sequence[str]
+) -> Sent:
+    """A request to the target. known: what stands in its path and in a form of its own.
 
     token: that of our own forms, without which nothing would be read. names: of any form's fields.
     """
@@ -130,21 +131,23 @@ def made_up(
     name = st.one_of(*([st.sampled_from(own)] * 3 if own else []), st.sampled_from(names))
     field = st.tuples(name.map(str.encode), st.one_of(Hostile, name.map(known_as(known))))
     fields = st.lists(field, max_size=8)
-    address = st.builds(_address, st.just(target.path), _parts(target.path, known), fields)
+    address = _address(target.path, draw(_parts(target.path, known)), draw(fields))
     if target.method == "GET":
-        return address.map(lambda there: Sent(there, None, b""))
-    with_token = st.booleans().map(lambda left_out: [] if left_out else [_token(token)])
+        return Sent(address, None, b"")
     # Most are forms with a token: the others are turned away at the door.
-    all_fields = st.tuples(st.one_of(st.just([_token(token)]), with_token), fields).map(
-        lambda both: both[0] + both[1]
-    )
-    bodies = st.one_of(
-        st.builds(_form, all_fields),
-        st.builds(_form, all_fields),
-        st.builds(_multipart, all_fields, st.booleans()),
-        st.tuples(st.one_of(Hostile, all_fields.map(_urlencoded)), st.sampled_from(WRONG_TYPES)),
-    )
-    return st.builds(lambda there, body: Sent(there, *body), address, bodies)
+    with_token = draw(st.sampled_from([True, True, True, False]))
+    filled = ([(b"csrf_token", token.encode())] if with_token else []) + draw(fields)
+    match draw(st.sampled_from(["form", "form", "parts", "half", "of another type", "bytes"])):
+        case "form":
+            return Sent(address, _urlencoded(filled), FORM)
+        case "parts":
+            return Sent(address, _multipart(filled) + b"--edge--\r\n", MULTIPART)
+        case "half":
+            whole = _multipart(filled)
+            return Sent(address, whole[: len(whole) // 2], MULTIPART)
+        case "bytes":
+            return Sent(address, draw(Hostile), draw(st.sampled_from((FORM, MULTIPART))))
+    return Sent(address, _urlencoded(filled), draw(st.sampled_from(WRONG_TYPES)))
 
 
 def known_as(known: Mapping[str, str]) -> Callable[[str], bytes]:
@@ -176,26 +179,18 @@ def _address(path: str, parts: Mapping[str, bytes], fields: Sequence[tuple[bytes
     return f"{filled}?{_urlencoded(short).decode()}" if fields else filled
 
 
-def _token(token: str) -> tuple[bytes, bytes]:
-    return b"csrf_token", token.encode()
-
-
 def _urlencoded(fields: Iterable[tuple[bytes, bytes]]) -> bytes:
     return "&".join(
         f"{quote_from_bytes(name)}={quote_from_bytes(value)}" for name, value in fields
     ).encode()
 
 
-def _form(fields: Sequence[tuple[bytes, bytes]]) -> tuple[bytes, bytes]:
-    return _urlencoded(fields), FORM
-
-
-def _multipart(fields: Sequence[tuple[bytes, bytes]], whole: bool) -> tuple[bytes, bytes]:
-    """A form in parts, some of them files under a hostile name; or one that breaks off."""
+def _multipart(fields: Sequence[tuple[bytes, bytes]]) -> bytes:
+    """A form in parts but for its end; files have hostile names."""
     body = b""
     for name, value in fields:
         said = b'form-data; name="' + name + b'"'
         if name == b"files":
             said += b'; filename="' + value[:300].replace(b"\r\n", b"") + b'"'
         body += b"--edge\r\nContent-Disposition: " + said + b"\r\n\r\n" + value + b"\r\n"
-    return (body + b"--edge--\r\n" if whole else body[: len(body) // 2]), MULTIPART
+    return body

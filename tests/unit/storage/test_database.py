@@ -8,6 +8,7 @@ from datetime import UTC, datetime
 
 import pytest
 from sqlalchemy import func, select, text
+from sqlalchemy.exc import DataError
 
 from app.services.studio import Studio
 from app.storage.database import Database
@@ -72,3 +73,12 @@ def test_a_writer_waits_for_the_one_before_instead_of_failing(studio: Studio) ->
 def test_what_is_acknowledged_is_on_the_disk(studio: Studio, pragma: str, value: int | str) -> None:
     with studio.database.read() as session:
         assert session.scalar(text(f"PRAGMA {pragma}")) == value
+
+
+@pytest.mark.parametrize("value", [10**19, "\ud800"])
+def test_what_no_column_can_hold_is_refused_alike_by_every_database(
+    studio: Studio, value: int | str
+) -> None:
+    column = Study.id if isinstance(value, int) else Study.slug
+    with studio.database.read() as session, pytest.raises(DataError):
+        session.scalar(select(Study.id).where(column == value))

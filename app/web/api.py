@@ -49,7 +49,7 @@ of_session = APIRouter(
     response_model=Started,
     response_model_exclude_unset=True,
     dependencies=[Depends(EXPERIMENTER)],
-    responses=refusals(403, 404, 409, 429, body=True),
+    responses=refusals(404, 409, 429, body=True),
     # A token is needed for a simulated session only.
     openapi_extra={"security": [{}]},
 )
@@ -96,7 +96,7 @@ def go_on(studio: StudioDep, token: SessionToken, body: GoOn | None = None) -> S
     return participation.go_on(studio, token, device)
 
 
-@of_session.post("/screen-out", responses=refusals(401, 409), **STATE)
+@of_session.post("/screen-out", responses=refusals(401, 403, 409), **STATE)
 def screen_out(studio: StudioDep, token: SessionToken) -> State:
     """Leave the device check for good: the person has no device that passes it."""
     return participation.screen_out(studio, token)

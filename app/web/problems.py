@@ -112,7 +112,7 @@ _MEANINGS = {
     503: "The database could not be used, and nothing was changed: the same again may succeed.",
 }
 #: What any call may come to, and any that takes a body besides.
-_ALWAYS, _WITH_BODY = (422, 503), (400, 413)
+_ALWAYS, _WITH_BODY = (422, 503), (400, 403, 413)
 
 
 def refusals(*statuses: int, body: bool = False) -> dict[int | str, dict[str, Any]]:

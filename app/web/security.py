@@ -18,6 +18,8 @@ from app.services.accounts import Experimenter
 from app.services.errors import ForbiddenError, SignInRequiredError
 from app.services.studio import Studio
 
+from .problems import Kind, problem
+
 SIGN_IN_COOKIE = "pbpo_sign_in"
 FORM_COOKIE = "pbpo_form"
 
@@ -199,14 +201,25 @@ class Guard:
 
         site = Headers(scope=scope).get("sec-fetch-site", "same-origin")
         if scope["method"] not in _SAFE_METHODS and site == "cross-site":
-            refusal = Response("This request came from another site.", 403, media_type="text/plain")
+            refusal = _turned_away(scope["path"], 403, "This request came from another site.")
             await refusal(scope, receive, send_with_headers)
             return
 
         if "\0" in scope["path"]:
             # No name of ours holds one, and PostgreSQL cannot even be asked for it.
-            nothing = Response("There is nothing at this address.", 404, media_type="text/plain")
+            nothing = _turned_away(scope["path"], 404, "There is nothing at this address.")
             await nothing(scope, receive, send_with_headers)
             return
 
         await self._app(scope, receive, send_with_headers)
+
+
+def _turned_away(path: str, status: int, detail: str) -> Response:
+    """At the door: a problem for programs, as from within, and a plain sentence for people."""
+    if path.startswith("/api/"):
+        kinds = {
+            403: Kind(403, "forbidden", "Not allowed"),
+            404: Kind(404, "not-found", "Not found"),
+        }
+        return problem(kinds[status], detail)
+    return Response(detail, status, media_type="text/plain")

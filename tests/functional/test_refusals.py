@@ -372,6 +372,13 @@ def test_text_that_a_database_cannot_hold_is_refused_not_a_fault_of_ours(
         assert client.get(path).status_code == 404
 
 
+def test_programs_are_turned_away_at_the_door_as_from_within(client: Api) -> None:
+    problem(client.get("/api/v1/studies/%00/export.zip"), 404, "not-found")
+    elsewhere = {"Sec-Fetch-Site": "cross-site"}
+    refusal = client.post("/api/v1/studies/short/sessions", json={}, headers=elsewhere)
+    problem(refusal, 403, "forbidden")
+
+
 @pytest.mark.sqlite
 def test_where_the_disk_is_full_nothing_is_stored_and_the_answer_says_to_try_again(
     client: Api, studio: Studio, short_study: StudyInfo

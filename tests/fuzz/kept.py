@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 
 from sqlalchemy import delete, func, select
 
@@ -13,10 +13,10 @@ from app.services import replay as replaying
 from app.services.studio import Studio
 from app.storage.arrivals import Tombstone
 from app.storage.tables import Base, Participant
-from tests.functional.client import Api
 from tests.functional.test_leaving import OF_THE_STUDY
 
 from .person import COURSE, Person, Pressed
+from .told import Seats, World
 
 #: Everything but what a study has before anybody came, and those who run it.
 _TABLES_OF_PEOPLE = [
@@ -31,19 +31,14 @@ def delete_all_people(studio: Studio) -> None:
         session.execute(delete(Tombstone))
 
 
-def compare(
-    studio: Studio,
-    client: Api,
-    api_token: str,
-    people: Sequence[Person],
-    deleted_at: Sequence[str],
-) -> None:
+def compare(studio: Studio, seats: Seats) -> None:
     """Exports and tables say what the people did; then all have it deleted, and nothing is left."""
+    people = seats.people
     tokens = [person.session.token for person in people]
     assert not _found(studio, [one.name for one in people if one.ended == "deleted"] + tokens)
 
     stays = {person.name: person for person in people if person.ended != "deleted"}
-    exported = _Exported(client, api_token, stays)
+    exported = _Exported(seats.world, stays)
     assert exported.responses("queries") == Counter(
         row for name, person in stays.items() for row in _standing(name, person)
     )
@@ -57,7 +52,7 @@ def compare(
     assert known == sorted(name for name, one in stays.items() if one.ended != "declined")
     assert exported.stages() == {name: person.stage for name, person in stays.items()}
     assert len(exported.table("events")) == sum(person.events for person in stays.values())
-    assert sorted(row["stage"] for row in exported.table("deletions")) == sorted(deleted_at)
+    assert sorted(row["stage"] for row in exported.table("deletions")) == sorted(seats.deleted_at)
 
     for trial in replaying.replay(studio, "short"):
         assert not trial.differences, trial
@@ -84,9 +79,9 @@ def _row(name: str, at: int, one: Pressed | None) -> tuple[str, ...]:
 class _Exported:
     """An experimenter's tables, with people by their names: sessions come in their order."""
 
-    def __init__(self, client: Api, api_token: str, names: Iterable[str]) -> None:
-        self._client = client
-        self._headers = {"Authorization": f"Bearer {api_token}"}
+    def __init__(self, world: World, names: Iterable[str]) -> None:
+        self._client = world.client
+        self._headers = {"Authorization": f"Bearer {world.api_token}"}
         self._sessions = self.table("sessions")
         ids = (row["session_id"] for row in self._sessions)
         self._names = dict(zip(ids, names, strict=True))

@@ -50,13 +50,7 @@ class Passage(RuleBasedStateMachine):
 
     def teardown(self) -> None:
         if self.seats.here:
-            compare(
-                self.studio,
-                self.seats.client,
-                self.world.api_token,
-                self.seats.people,
-                self.seats.deleted_at,
-            )
+            compare(self.studio, self.seats)
 
     @invariant()
     def they_are_where_they_should_be(self) -> None:

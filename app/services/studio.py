@@ -52,6 +52,7 @@ class Studio:
 
     def close(self) -> None:
         self.background.close()
+        self.proposer.close()
         self.recordings.close()
         self.database.close()
 

@@ -6,8 +6,10 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, StringConstraints
 
-Key = Annotated[str, StringConstraints(min_length=1, max_length=60)]
-ExternalId = Annotated[str, StringConstraints(max_length=200)]
+#: No text has a NUL: PostgreSQL holds none, and every database takes the same.
+Plain = Annotated[str, StringConstraints(pattern=r"^[^\x00]*$")]
+Key = Annotated[Plain, StringConstraints(min_length=1, max_length=60)]
+ExternalId = Annotated[Plain, StringConstraints(max_length=200)]
 
 
 def _whole(value: object) -> object:
@@ -30,15 +32,15 @@ class StartSession(_In):
     external_ids: dict[Key, ExternalId] = Field(
         default_factory=dict, max_length=20, description="What a platform calls the participant."
     )
-    entry: str | None = Field(
+    entry: Plain | None = Field(
         None, max_length=64, description="Token of a single-use link, where the study wants one."
     )
     mode: Literal["live", "preview", "simulated"] = "live"
-    language: str | None = Field(None, max_length=12)
+    language: Plain | None = Field(None, max_length=12)
 
 
 class GiveConsent(_In):
-    version: str = Field(max_length=64, description="Version of the text that is agreed to.")
+    version: Plain = Field(max_length=64, description="Version of the text that is agreed to.")
 
 
 class MeasuredDevice(_In):
@@ -64,16 +66,16 @@ class Watched(_In):
 class Answers(_In):
     """Answers to the open questionnaire, by the names of its items."""
 
-    answers: dict[Key, str | int | float | None] = Field(max_length=100)
+    answers: dict[Key, Plain | int | float | None] = Field(max_length=100)
 
 
 class Happened(_In):
     """Something the browser saw while the query was on the screen."""
 
-    event: str = Field(min_length=1, max_length=40)
+    event: Plain = Field(min_length=1, max_length=40)
     side: Literal["left", "right"] | None = None
     time_ms: float = Field(ge=0, le=1e9, allow_inf_nan=False)
-    value: str | float | int | bool | None = Field(None)
+    value: Plain | float | int | bool | None = Field(None)
 
     @property
     def text(self) -> str | None:
@@ -85,7 +87,7 @@ class Respond(BaseModel):
 
     model_config = ConfigDict(extra="ignore", strict=True)
 
-    query_id: str = Field(min_length=1, max_length=64)
+    query_id: Plain = Field(min_length=1, max_length=64)
     response: Literal["left", "right", "skip"]
     rt_ms: float | None = Field(
         None,
@@ -95,7 +97,7 @@ class Respond(BaseModel):
         description="Milliseconds from both videos having begun to play to the press.",
     )
     replays: Annotated[int, Field(ge=0, le=100_000), Whole] | None = None
-    skip_reason: str | None = Field(None, max_length=60)
+    skip_reason: Plain | None = Field(None, max_length=60)
     events: list[Happened] = Field(default_factory=list, max_length=1_000)
 
 
@@ -106,7 +108,7 @@ class Leave(_In):
 
 
 class AskForDeletion(_In):
-    receipt: str = Field(
+    receipt: Plain = Field(
         min_length=1, max_length=64, description="The code that was given with the session."
     )
 
@@ -114,14 +116,14 @@ class AskForDeletion(_In):
 class Undo(_In):
     """The response to this query is taken back."""
 
-    query_id: str = Field(min_length=1, max_length=64)
+    query_id: Plain = Field(min_length=1, max_length=64)
 
 
 class ReportFault(_In):
     """A video of a query did not play."""
 
-    query_id: str = Field(min_length=1, max_length=64)
-    reason: str = Field("", max_length=200, description="What was seen of the fault.")
+    query_id: Plain = Field(min_length=1, max_length=64)
+    reason: Plain = Field("", max_length=200, description="What was seen of the fault.")
     events: list[Happened] = Field(default_factory=list, max_length=1_000)
 
 

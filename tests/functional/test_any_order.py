@@ -76,7 +76,7 @@ def test_what_is_stored_is_what_two_people_did(world: World, fuzz: Fuzz) -> None
     def one_round(seed: int) -> None:
         run_state_machine_as_test(
             seeded(seed)(Here) if fuzz.seconds else Here,
-            settings=fuzz.settings(5, stateful_step_count=30),
+            settings=fuzz.settings(3, stateful_step_count=30),
         )
 
     fuzz.rounds(PART, one_round)

@@ -59,7 +59,7 @@ def test_what_some_browser_cannot_play_is_named_and_transcoded(
 
 
 def test_a_transcoded_video_is_small_enough_and_silent(tmp_path: Path) -> None:
-    source = write(tmp_path / "a.mov", "mjpeg", "yuvj420p", (1602, 901), sound=True)
+    source = write(tmp_path / "a.mov", "mjpeg", "yuvj420p", (1602, 901), sound=True, frames=5)
     assert probe(source).has_audio
     transcode(source, tmp_path / "new.mp4")
     made = probe(tmp_path / "new.mp4")

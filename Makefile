@@ -4,7 +4,8 @@ PORT ?= 8000
 DATA_DIR ?= data
 VENV := .venv
 BIN := $(VENV)/bin
-PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
+# Packages are compiled when they are first used: most of what is in them never is.
+PIP := $(BIN)/python -m pip install --quiet --no-compile --disable-pip-version-check --constraint constraints.txt
 
 # What `test` runs on PostgreSQL too: what depends on rows, locks and transactions.
 ON_POSTGRESQL := $(addprefix tests/functional/test_, $(addsuffix .py, session at_once places sent_twice \

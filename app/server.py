@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import resource
 import signal
 import socket as sockets
+import sys
 import tempfile
 import threading
 from collections.abc import Callable
@@ -30,6 +32,13 @@ from app.simulation import simulate_job
 #: How long an idle connection is kept, in seconds.
 #: Chromium keeps an idle connection for 300 s, Caddy for 120, nginx for 60.
 KEEP_ALIVE_S = 310
+
+#: How long one of this process's threads may compute while others wait, in seconds: Python's own
+#: 5 ms add up.
+SWITCH_S = 0.001
+
+#: New objects after which those that refer to each other in circles are looked for; Python: 700.
+GARBAGE_AT = 20_000
 
 
 def listen(host: str, port: int) -> sockets.socket:
@@ -71,7 +80,7 @@ def serve_app(
     """
     if json_logs:
         logs.write_json()
-    _take_many_connections()
+    _expect_many()
     app = _application(studio)
     config = _config(app, studio.settings, log_config=None if json_logs else LOGGING_CONFIG)
     server = _Server(config, ready)
@@ -118,7 +127,7 @@ class _Workers(Multiprocess):
 def _worker(settings: Settings) -> FastAPI:
     """The application of one worker, made in its own process."""
     logs.write_json()
-    _take_many_connections()
+    _expect_many()
     app = _application(open_studio(settings))
     told = threading.Event()
 
@@ -133,8 +142,11 @@ def _worker(settings: Settings) -> FastAPI:
     return app
 
 
-def _take_many_connections() -> None:
-    """Open as many files as the machine lets us: a browser keeps up to six connections."""
+def _expect_many() -> None:
+    """Let many be served at once: by many connections, and none for long."""
+    # A thread that holds the database waits for this long for each that computes, at every step.
+    sys.setswitchinterval(SWITCH_S)
+    # A browser keeps up to six connections, and each is an open file.
     _, most = resource.getrlimit(resource.RLIMIT_NOFILE)
     with suppress(ValueError, OSError):
         resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))
@@ -143,6 +155,11 @@ def _take_many_connections() -> None:
 def _application(studio: Studio) -> FastAPI:
     # Closed by the application itself: the server passes a signal on before it returns here.
     app = create_app(studio=studio, closes_studio=True)
+    # What is there now stays: looking through it for what can be thrown away, again and again,
+    # would take as long as a part of the answers.
+    gc.collect()
+    gc.freeze()
+    gc.set_threshold(GARBAGE_AT)
     # Simulated evaluators walk through the application itself, which services know nothing of.
     studio.works[design.SIMULATE] = simulate_job
     jobs.revive(studio)

@@ -1,8 +1,7 @@
 """What comes back from the query page: a response, or that a video did not play.
 
-Each use case is one transaction, so that two tabs, a double click or a retry find that it was done.
-What follows a response is worked out in none: where it was not worked out ahead, the transaction is
-left, and begun again.
+Each use case reads, works out what follows outside any transaction, and then writes once, having
+looked again: two tabs, a double click or a retry find that it was done.
 """
 
 from __future__ import annotations
@@ -30,12 +29,11 @@ from .errors import (
     SkipNotOfferedError,
     SkipReasonError,
 )
-from .proposals import Step, TrialInHand
+from .proposals import NextQuery, Step, TrialInHand
 from .queries import Happening
 from .state import State
 from .studies import stored_plan
 from .studio import Studio
-from .thoughts import History
 
 #: Attempts at one place of a trial: whoever needs more will not see any video at all.
 MOST_ATTEMPTS = 20
@@ -68,91 +66,82 @@ def respond(studio: Studio, token: str, answer: Answer) -> State:
 
 
 def _respond(studio: Studio, token: str, answer: Answer) -> State:
-    steps = _Steps(studio)
-    while True:
-        try:
-            with studio.database.write() as session:
-                state = _take(studio, session, token, answer, steps)
-        except _NotWorkedOutError as missing:
-            # The fit, if it was not worked out ahead: between two transactions, inside none.
-            steps.work_out(missing.trial, missing.history)
-        else:
-            steps.count()
-            return state
+    with studio.database.read() as session:
+        row = sessions.find(studio, session, token)
+        query = queries.find(session, row, answer.query_id)
+        if not _is_new(row, query, answer):
+            return session_state.describe(studio, session, row)
+        sessions.require_asked(row, query.query_index)
+        trial = queries.trial_in_hand(row, query.trial.trial_index, query.trial.seed)
+        if answer.response == "skip" and not allows_skip(trial.method):
+            raise SkipNotOfferedError(
+                "expected left or right: this query offers no skip", row.stage
+            )
+        _check_reason(row, query, answer)
+        practising = query.trial.trial_index == PRACTICE_INDEX
+        follows = None
+        if not practising:
+            before = queries.read_record(session, query.trial_id)
+    if not practising:
+        # The fit, if it was not worked out ahead: between two transactions, inside none.
+        follows = _what_follows(studio, trial, (*before, _shown(query, answer.response)))
+    # Everybody else who answers waits for this one: nothing is in it that could be outside.
+    with studio.database.write() as session:
+        row = sessions.find(studio, session, token, to_write=True)
+        query = queries.find(session, row, answer.query_id)
+        if _is_new(row, query, answer):
+            _take(studio, session, row, query, answer, follows)
+    with studio.database.read() as session:
+        return session_state.describe(studio, session, sessions.find(studio, session, token))
 
 
-class _NotWorkedOutError(Exception):
-    """What follows a history is not known yet."""
+@dataclass(frozen=True)
+class _Following:
+    """What follows a response: the next query of its trial, and what the response taught."""
 
-    def __init__(self, trial: TrialInHand, history: History) -> None:
-        super().__init__()
-        self.trial = trial
-        self.history = history
-
-
-class _Steps:
-    """What follows the histories that one response asks for, as far as it is worked out."""
-
-    def __init__(self, studio: Studio) -> None:
-        self._studio = studio
-        self._now: dict[History, Step] = {}
-        self._asked = False
-
-    def __call__(self, trial: TrialInHand, history: History) -> Step:
-        self._asked = True
-        step = self._now.get(history) or self._studio.proposer.known(trial, history)
-        if step is None:
-            raise _NotWorkedOutError(trial, history)
-        return step
-
-    def work_out(self, trial: TrialInHand, history: History) -> None:
-        self._now[history] = self._studio.proposer.step(trial, history)
-
-    def count(self) -> None:
-        if self._asked:
-            self._studio.measurements.step_asked(ahead=not self._now)
+    coming: NextQuery | None
+    step: Step
+    taught: Record
+    teaches: bool
 
 
-def _take(studio: Studio, session: Session, token: str, answer: Answer, steps: _Steps) -> State:
-    """Store a response, in a transaction that its caller opened.
-
-    Raises _NotWorkedOutError, with nothing written, if what follows is to be worked out first.
-    """
-    row = sessions.find(studio, session, token, to_write=True)
-    query = queries.find(session, row, answer.query_id)
-    if not _is_new(row, query, answer):
-        return session_state.describe(studio, session, row)
-    sessions.require_asked(row, query.query_index)
-    trial = queries.trial_in_hand(row, query.trial.trial_index, query.trial.seed)
-    if answer.response == "skip" and not allows_skip(trial.method):
-        raise SkipNotOfferedError("expected left or right: this query offers no skip", row.stage)
-    _check_reason(row, query, answer)
-    now = studio.now()
-    responded = protocol.Responded(query_index=query.query_index, at=now)
-    if query.trial.trial_index == PRACTICE_INDEX:
-        sessions.advance(studio, row, responded)
-        _store(session, row, query, answer, now)
-        _go_on_practising(studio, session, row, query, now)
-        session.flush()
-        return session_state.describe(studio, session, row)
-    before = queries.read_record(session, query.trial_id)
-    record = (*before, _shown(query, answer.response))
+def _what_follows(studio: Studio, trial: TrialInHand, record: Record) -> _Following:
+    """record: with the response that is not stored yet."""
     space = studio.proposer.space(trial.study_id, trial.environment)
-    step = steps(trial, learned(trial, record))
-    coming = following(space, trial, record, steps)
+    history = learned(trial, record)
+    studio.measurements.step_asked(ahead=studio.proposer.known(trial, history) is not None)
+    return _Following(
+        coming=following(space, trial, record, studio.proposer.step),
+        step=studio.proposer.step(trial, history),
+        taught=lessons(trial, record),
+        teaches=teaches(trial, record[-1].trial_type),
+    )
 
-    sessions.advance(studio, row, responded)
+
+def _take(
+    studio: Studio,
+    session: Session,
+    row: SessionRow,
+    query: QueryRow,
+    answer: Answer,
+    follows: _Following | None,
+) -> None:
+    """Store a response and what follows it; None in the practice, which teaches nothing."""
+    now = studio.now()
+    # Raises if another query is the open one: nothing has been written yet.
+    sessions.advance(studio, row, protocol.Responded(query_index=query.query_index, at=now))
     _store(session, row, query, answer, now)
-    if teaches(trial, query.trial_type):
-        _store_lessons(session, query, step, lessons(trial, record))
+    if follows is None:
+        _go_on_practising(studio, session, row, query, now)
+        return
+    if follows.teaches:
+        _store_lessons(session, query, follows.step, follows.taught)
     if row.stage == Stage.QUERY and row.trial_index == query.trial.trial_index:
-        assert coming is not None
-        session.add(trials.query_row(coming, now, trial_id=query.trial_id))
+        assert follows.coming is not None
+        session.add(trials.query_row(follows.coming, now, trial_id=query.trial_id))
     else:
         query.trial.ended_at = now
         trials.arrive(studio, session, row)
-    session.flush()
-    return session_state.describe(studio, session, row)
 
 
 def _go_on_practising(

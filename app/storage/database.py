@@ -6,6 +6,7 @@ half-way because somebody else wrote meanwhile.
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from typing import Any
@@ -13,6 +14,7 @@ from typing import Any
 from sqlalchemy import Connection, Engine, create_engine, event
 from sqlalchemy.engine import ExceptionContext, make_url
 from sqlalchemy.exc import DataError
+from sqlalchemy.exc import TimeoutError as WaitedTooLongError
 from sqlalchemy.orm import Session, sessionmaker
 
 #: How long a writer waits for another before it gives up, in milliseconds.
@@ -38,6 +40,7 @@ class Database:
     def __init__(self, url: str) -> None:
         self.url = url
         self.engine = _engine(url)
+        self._writing = threading.Lock()
         self._readers = sessionmaker(self.engine, expire_on_commit=False)
         self._writers = sessionmaker(
             self.engine.execution_options(**{_WRITES: True}), expire_on_commit=False
@@ -54,8 +57,25 @@ class Database:
 
     @contextmanager
     def write(self) -> Iterator[Session]:
-        with self._writers.begin() as session:
+        with self._in_turn(), self._writers.begin() as session:
             yield session
+
+    @contextmanager
+    def _in_turn(self) -> Iterator[None]:
+        """One writer of this process after the other, where the database takes no two at once.
+
+        SQLite has those who wait ask again after longer and longer pauses: of many, some would
+        never have their turn. Raises SQLAlchemy's TimeoutError.
+        """
+        if not self.is_sqlite:
+            yield
+            return
+        if not self._writing.acquire(timeout=SQLITE_BUSY_TIMEOUT_MS / 1000):
+            raise WaitedTooLongError("the database was written to by others for too long")
+        try:
+            yield
+        finally:
+            self._writing.release()
 
     def scrub(self) -> None:
         """Take what was deleted off the disk, as far as the database leaves that to us.

@@ -11,6 +11,7 @@ from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse, Response
 from sqlalchemy.exc import DataError, OperationalError
+from sqlalchemy.exc import TimeoutError as WaitedTooLongError
 from starlette.exceptions import HTTPException
 
 from app.services import errors, uploads
@@ -134,7 +135,8 @@ def install(app: FastAPI) -> None:
         app.add_exception_handler(domain_error, _domain_error)
     app.add_exception_handler(RequestValidationError, _invalid)
     app.add_exception_handler(DataError, _not_storable)
-    app.add_exception_handler(OperationalError, _out_of_order)
+    for failure in (OperationalError, WaitedTooLongError):
+        app.add_exception_handler(failure, _out_of_order)
     app.add_exception_handler(HTTPException, _http_error)
 
 

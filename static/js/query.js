@@ -332,8 +332,9 @@ async function lookAhead(mine) {
       continue;
     }
     preloader.want(fresh);
-    if (fresh.length > 0 && fresh.join() === known.join()) {
-      return; // twice the same: the server has worked everything out
+    const everything = 2 * (query.skip ? 3 : 2); // two videos for each possible response
+    if (fresh.length === everything || (fresh.length > 0 && fresh.join() === known.join())) {
+      return; // all, or twice the same: the server has worked everything out
     }
     known = fresh;
   }

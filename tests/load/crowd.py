@@ -21,7 +21,7 @@ import numpy as np
 State = dict[str, Any]
 
 #: Seconds after a pair is shown at which the page asks what to fetch ahead (static/js/query.js).
-ASK_AHEAD_S = (1.0, 2.0)
+ASK_AHEAD_S = (1.0, 2.0, 4.0, 8.0)
 #: Videos that a page keeps, and fetches at the same time (static/js/preloader.js).
 KEPT_VIDEOS, FETCHED_AT_ONCE = 14, 2
 #: A pause before a request is sent again, in seconds; it grows to the second number.
@@ -147,14 +147,20 @@ class Evaluator:
         return state
 
     async def _look_ahead(self, query: State) -> None:
-        await self._fetch(query["prefetch"])
+        known = query["prefetch"]
+        await self._fetch(known)
         for seconds in ASK_AHEAD_S:
             await asyncio.sleep(seconds)
             with suppress(RefusedError):
                 now = await self._api("GET", "/api/v1/session", None)
                 if now["stage"] != "query" or now["query"]["id"] != query["id"]:
                     return
-                await self._fetch(now["query"]["prefetch"])
+                fresh = now["query"]["prefetch"]
+                await self._fetch(fresh)
+                everything = 2 * (3 if query["skip"] else 2)
+                if len(fresh) == everything or (fresh and fresh == known):
+                    return
+                known = fresh
 
     async def _watch(self, urls: Sequence[str]) -> None:
         """The pair itself; what was not fetched ahead is played by ranges."""

@@ -114,7 +114,9 @@ def _run(folder: Path, evaluators: int, options: argparse.Namespace) -> tuple[Lo
             finally:
                 server.stop()
         lost = stored.faults(settings, STUDY, log, log.in_hand)
-    return log, cost, [*lost, *log.faults[:5]]
+        said = (folder / "server.log").read_text(encoding="utf-8").splitlines()
+        errors = [line[-2000:] for line in said if '"level": "error"' in line]
+    return log, cost, [*lost, *log.faults[:5], *errors[:2]]
 
 
 def _measure(

@@ -6,10 +6,10 @@ import re
 from collections.abc import Callable, Iterator
 
 import pytest
-from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import Browser, Page, expect
 
 from .evaluator import answer, watch
+from .for_everyone import violations
 from .server import Server
 from .small_study import SMALL_PLAN
 
@@ -55,10 +55,8 @@ def look(page: Page, heading: str) -> None:
     said = CODE.sub("", page.locator("body").inner_text() + page.title())
     assert [word for word in re.findall(r"[A-Za-z]{3,}", said) if word not in NOT_OURS] == []
     assert page.evaluate("document.documentElement.scrollWidth") == 360
-    for scheme in ("light", "dark"):
-        page.emulate_media(color_scheme=scheme)
-        found = Axe().run(page).response["violations"]
-        assert found == [], (heading, scheme, [one["id"] for one in found])
+    assert violations(page, "light") == [], heading
+    assert violations(page, "dark") == [], heading
 
 
 def press(page: Page, hook: str) -> None:

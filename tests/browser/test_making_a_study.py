@@ -8,7 +8,6 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import Page, expect
 
 from app.services import accounts
@@ -17,6 +16,7 @@ from app.services.studio import open_studio
 from tests.functional.desk import zipped
 
 from .conftest import EMAIL, PASSWORD
+from .for_everyone import violations
 from .server import Server
 from .small_study import SMALL_PLAN, write_small_study
 
@@ -49,8 +49,7 @@ def looked_at(page: Page, name: str) -> None:
         assert overflow <= 0, f"{name} is {overflow} px too wide at {width}"
         if PICTURES:
             page.screenshot(path=f"{PICTURES}/{name}-{width}.png", full_page=True)
-    found = Axe().run(page)
-    assert found.violations_count == 0, f"{name}: {found.generate_report()}"
+    assert violations(page) == [], name
     page.set_viewport_size({"width": 1280, "height": 800})
 
 

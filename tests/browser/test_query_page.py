@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import pytest
-from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import Page, expect
 
 from app.services.settings import Settings
@@ -13,6 +12,7 @@ from app.services.studio import open_studio
 from app.storage.tables import Event, Response
 
 from .evaluator import enter_small, watch
+from .for_everyone import violations
 from .server import Server
 from .small_study import SMALL_PLAN
 
@@ -49,10 +49,6 @@ def enlarged_events(server: Server) -> list[str | None]:
 def at_query(page: Page, number: int) -> None:
     expect(page.get_by_test_id("progress")).to_have_text(f"Part 1 of 1 · Pair {number} of 4")
     watch(page)
-
-
-def violations(page: Page) -> list[str]:
-    return [found["id"] for found in Axe().run(page).response["violations"]]
 
 
 def test_a_skip_asks_for_its_reason_and_may_be_taken_back(page: Page, serve: Serve) -> None:

@@ -138,6 +138,7 @@ async def clock_back(scene: Scene) -> None:
 
 SQLITE: tuple[Break, ...] = (killed, ended, disk_full, locked, videos_gone, clock_back)
 POSTGRESQL: tuple[Break, ...] = (killed, ended, database_stopped)
+NAMES = [breaking.__name__ for breaking in {*SQLITE, *POSTGRESQL}]
 
 
 async def _started(server: Server) -> None:
@@ -148,16 +149,19 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--times", type=int, default=100, help="how often the server is killed")
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--only", nargs="*", default=[], help="names of what is broken")
+    parser.add_argument("--only", nargs="*", choices=NAMES, help="names of what is broken")
+    parser.add_argument(
+        "--on", choices=["sqlite", "postgresql"], help="default: one after the other"
+    )
     parser.add_argument("--media-dir", type=Path, default=Path("build/load-media"))
     options = parser.parse_args()
     print("| broken | on | times asked again | refused | answers acknowledged | lost or doubled |")
     print("|---|---|---|---|---|---|", flush=True)
     sound = True
-    for on_postgresql, breaks in ((False, SQLITE), (True, POSTGRESQL)):
+    for on, breaks in (("sqlite", SQLITE), ("postgresql", POSTGRESQL)):
         for breaking in breaks:
-            if not options.only or breaking.__name__ in options.only:
-                sound &= _play(breaking, options, postgresql=on_postgresql)
+            if options.on in (None, on) and breaking.__name__ in (options.only or NAMES):
+                sound &= _play(breaking, options, postgresql=on == "postgresql")
     sys.exit(0 if sound else 1)
 
 

@@ -147,6 +147,7 @@ class TestWorkingAhead:
         proposer.work_ahead(no_skip, (), pair)
         studio.background.in_thread("after that", lambda: None).result(30)
         assert len(proposer.upcoming(no_skip, (), pair)) == 2
+        proposer.close()
 
     def test_what_was_answered_meanwhile_is_worked_out_no_further(
         self, studio: Studio, study_shelf: StudyShelf

@@ -7,14 +7,14 @@ from pathlib import Path
 
 import pytest
 
-from app.services import studies
 from app.services.recordings import Recordings
 from app.services.settings import Settings
-from app.services.studies import StudyInfo
 from app.services.studio import Studio
 from tests.s3_server import BUCKET, KEY, SECRET, S3Server
 
-from .own_study import write_own_study
+from .own_study import folder, own_study
+
+__all__ = ["folder", "own_study"]
 
 
 @pytest.fixture(scope="module")
@@ -43,17 +43,6 @@ def settings(store: S3Server, tmp_path: Path, media_dir: Path) -> Settings:
         recordings_url=f"s3://{BUCKET}/lab/one",
         s3_endpoint=store.url,
     )
-
-
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return write_own_study(tmp_path_factory.mktemp("own") / "kettles")
-
-
-@pytest.fixture
-def own_study(studio: Studio, folder: Path) -> StudyInfo:
-    studies.create(studio, studies.load_folder(str(folder)))
-    return studies.open_study(studio, "kettles")
 
 
 def begin_anew(studio: Studio) -> None:

@@ -6,7 +6,11 @@ from pathlib import Path
 
 import av
 import numpy as np
+import pytest
 
+from app.services import studies
+from app.services.studies import StudyInfo
+from app.services.studio import Studio
 from tests.conftest import write_study
 
 OWN_PLAN = """
@@ -50,6 +54,17 @@ def write_own_study(folder: Path) -> Path:
     for shade, name in enumerate("abcd"):
         _write_video(folder / "videos" / f"{name}.mp4", 60 * shade)
     return folder
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_own_study(tmp_path_factory.mktemp("own") / "kettles")
+
+
+@pytest.fixture
+def own_study(studio: Studio, folder: Path) -> StudyInfo:
+    studies.create(studio, studies.load_folder(str(folder)))
+    return studies.open_study(studio, "kettles")
 
 
 def _write_video(path: Path, shade: int) -> None:

@@ -14,18 +14,9 @@ from app.services.studio import Studio
 from tests.conftest import Clock
 
 from .client import Api, by_turns
-from .own_study import write_own_study
+from .own_study import folder, own_study, write_own_study
 
-
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return write_own_study(tmp_path_factory.mktemp("own") / "kettles")
-
-
-@pytest.fixture
-def own_study(studio: Studio, folder: Path) -> StudyInfo:
-    studies.create(studio, studies.load_folder(str(folder)))
-    return studies.open_study(studio, "kettles")
+__all__ = ["folder", "own_study"]
 
 
 def table(client: Api, api_token: str, name: str) -> pd.DataFrame:

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import datetime, timedelta
+from typing import Any
 
-from sqlalchemy import func, select
-from sqlalchemy.orm import Session
+from sqlalchemy import Select, func, select
+from sqlalchemy.orm import InstrumentedAttribute, Session
 
 from app.services import crowding, jobs
 from app.services.fault_counts import Kind
@@ -107,15 +108,7 @@ def _counted(session: Session, study_id: int, since: datetime) -> Iterator[Troub
 
 def _set_aside(session: Session, study_id: int, since: datetime) -> Iterator[Trouble]:
     number, last_at = session.execute(
-        select(func.count(QueryRow.id), func.max(QueryRow.set_aside_at))
-        .join(Trial, QueryRow.trial_id == Trial.id)
-        .join(SessionRow, Trial.session_id == SessionRow.id)
-        .where(
-            SessionRow.study_id == study_id,
-            SessionRow.mode.in_(crowding.MODES),
-            SessionRow.last_seen_at > since,
-            QueryRow.set_aside_at > since,
-        )
+        _queries(study_id, QueryRow.set_aside_at, since).where(SessionRow.mode.in_(crowding.MODES))
     ).one()
     if last_at is not None:
         yield Trouble(
@@ -129,15 +122,7 @@ def _set_aside(session: Session, study_id: int, since: datetime) -> Iterator[Tro
 
 def _unfitted(session: Session, study_id: int, since: datetime) -> Iterator[Trouble]:
     number, last_at = session.execute(
-        select(func.count(QueryRow.id), func.max(QueryRow.created_at))
-        .join(Trial, QueryRow.trial_id == Trial.id)
-        .join(SessionRow, Trial.session_id == SessionRow.id)
-        .where(
-            SessionRow.study_id == study_id,
-            SessionRow.last_seen_at > since,
-            QueryRow.created_at > since,
-            QueryRow.acquisition == _NO_FIT,
-        )
+        _queries(study_id, QueryRow.created_at, since).where(QueryRow.acquisition == _NO_FIT)
     ).one()
     if last_at is not None:
         yield Trouble(
@@ -147,6 +132,16 @@ def _unfitted(session: Session, study_id: int, since: datetime) -> Iterator[Trou
             "The study goes on. In the data such queries have the acquisition random-fallback."
             " Look at the settings of its conditions: the length scale first.",
         )
+
+
+def _queries(study_id: int, at: InstrumentedAttribute[Any], since: datetime) -> Select[int, Any]:
+    """How many of a study's queries this happened to since then, and when last."""
+    return (
+        select(func.count(QueryRow.id), func.max(at))
+        .join(Trial, QueryRow.trial_id == Trial.id)
+        .join(SessionRow, Trial.session_id == SessionRow.id)
+        .where(SessionRow.study_id == study_id, SessionRow.last_seen_at > since, at > since)
+    )
 
 
 def _failed_jobs(session: Session, study_id: int, since: datetime) -> Iterator[Trouble]:

@@ -11,7 +11,7 @@ from fastapi.staticfiles import StaticFiles
 from starlette.types import Scope
 
 from app import __version__
-from app.services import retention
+from app.services import forgetting, retention
 from app.services.settings import Settings
 from app.services.studio import Studio, open_studio
 from app.web import (
@@ -78,9 +78,10 @@ def create_app(
 
     @asynccontextmanager
     async def lifespan(_app: FastAPI) -> AsyncIterator[None]:
-        # With workers apart, theirs is one sweep for all servers.
+        # With workers apart, theirs is one sweep for all servers; each has a memory of its own.
         apart = opened.settings.workers_apart
-        with nullcontext() if apart else retention.swept_hourly(opened):
+        sweeping = nullcontext() if apart else retention.swept_hourly(opened)
+        with sweeping, forgetting.kept_up(opened):
             yield
         if closes:
             opened.close()

@@ -71,5 +71,15 @@ class Beliefs:
         """Forget the trials of these seeds: their histories were deleted."""
         with self._lock:
             self._forgotten |= seeds
+        self.drop(seeds)
+
+    def remembered(self) -> frozenset[int]:
+        """The seeds of all trials that a belief is kept of."""
+        with self._lock:
+            return frozenset(seed for seed, _ in self._kept)
+
+    def drop(self, seeds: frozenset[int]) -> None:
+        """Throw away what is kept of these trials; what is asked for is worked out again."""
+        with self._lock:
             for key in [key for key in self._kept if key[0] in seeds]:
                 del self._kept[key]

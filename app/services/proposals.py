@@ -147,9 +147,21 @@ class Proposer:
 
     def forget(self, seeds: frozenset[int]) -> None:
         """Forget the trials of these seeds: their histories were deleted."""
-        self.beliefs.forget(seeds)
         with self._lock:
             self._forgotten |= seeds
+        self.beliefs.forget(seeds)
+        self.drop(seeds)
+
+    def remembered(self) -> frozenset[int]:
+        """The seeds of all trials that anything is remembered of."""
+        with self._lock:
+            seeds = {seed for seed, _ in self._steps} | self._open.keys()
+        return self.beliefs.remembered() | seeds
+
+    def drop(self, seeds: frozenset[int]) -> None:
+        """Throw away what is remembered of these trials; what is asked for is worked out again."""
+        self.beliefs.drop(seeds)
+        with self._lock:
             for seed in seeds:
                 self._open.pop(seed, None)
             for key in [key for key in self._steps if key[0] in seeds]:

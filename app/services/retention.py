@@ -8,10 +8,10 @@ once do no harm. Simulated sessions are nobody's, and stay.
 from __future__ import annotations
 
 import logging
-import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import partial
 
 from sqlalchemy import delete, select
 from sqlalchemy.exc import SQLAlchemyError
@@ -22,6 +22,7 @@ from app.storage.tables import Identity, Participant, PlanVersion, SessionRow, S
 from app.study.retention import Due, Retention, due
 
 from . import audit, deletion, tidying
+from .repeating import repeated
 from .studies import stored_plan
 from .studio import Studio
 
@@ -70,21 +71,8 @@ def run(
 @contextmanager
 def swept_hourly(studio: Studio) -> Iterator[None]:
     """Within this, sweeps run: at once, and then every hour."""
-    stopping = threading.Event()
-
-    def keep_sweeping() -> None:
-        while not stopping.is_set():
-            run_quietly(studio, stopping.is_set)
-            stopping.wait(PERIOD_S)
-
-    thread = threading.Thread(target=keep_sweeping, name="retention", daemon=True)
-    thread.start()
-    try:
+    with repeated("retention", PERIOD_S, partial(run_quietly, studio)):
         yield
-    finally:
-        stopping.set()
-        # A deletion under way is finished: the database is closed after this.
-        thread.join()
 
 
 def run_quietly(studio: Studio, stop: Callable[[], bool]) -> None:

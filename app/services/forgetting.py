@@ -1,0 +1,42 @@
+"""Forgetting what was deleted elsewhere: by another server, by a worker, or by a command.
+
+Whoever deletes a trial forgets it at once, but only in a process of their own. So each server asks
+the database now and then which of the trials that it remembers are still kept, and throws away what
+it has worked out for all others. What was under way meanwhile is thrown away the next time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from sqlalchemy import select
+
+from app.storage.tables import Trial
+
+from .repeating import repeated
+from .studio import Studio
+
+#: How long what was deleted elsewhere may be remembered, in seconds: what is asked each time is one
+#: look at the table of trials.
+PERIOD_S = 60.0
+
+
+def forget_deleted(studio: Studio) -> int:
+    """Throw away what is remembered of trials that are not kept; how many these were."""
+    remembered = studio.proposer.remembered()
+    if not remembered:
+        return 0
+    with studio.database.read() as session:
+        kept = session.scalars(select(Trial.seed).where(Trial.seed.in_(remembered)))
+        gone = remembered.difference(kept)
+    # A trial that is just beginning may be among them: it loses some milliseconds, and no more.
+    studio.proposer.drop(gone)
+    return len(gone)
+
+
+@contextmanager
+def kept_up(studio: Studio) -> Iterator[None]:
+    """Within this, what was deleted elsewhere is forgotten by itself."""
+    with repeated("forgetting", PERIOD_S, lambda _stopping: forget_deleted(studio)):
+        yield

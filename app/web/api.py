@@ -15,7 +15,7 @@ from app.services.undoing import undo
 from app.study.stages import Device
 
 from .bearers import EXPERIMENTER, SESSION, short_id
-from .in_line import in_line
+from .in_line import in_line, in_line_to_look
 from .problems import refusals
 from .schemas import (
     Answers,
@@ -79,7 +79,7 @@ def delete_by_receipt(slug: str, body: AskForDeletion, studio: StudioDep) -> Non
 
 
 @of_session.get("", responses=refusals(401), **STATE)
-@in_line
+@in_line_to_look
 def get_session(studio: StudioDep, token: SessionToken, response: Response) -> State:
     """Where the session is."""
     response.headers["Cache-Control"] = "no-store"

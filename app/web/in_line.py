@@ -1,42 +1,85 @@
 """Evaluators' calls a few at a time, in the order in which they came.
 
 A server computes one thing at a time, however many threads it has: with more of them at once each
-only takes longer, and whoever holds the database while others compute holds everybody up.
+only takes longer, and whoever holds the database while others compute holds everybody up. Who
+writes may have to wait for the database; who only looks never does, and so has a place kept free.
 """
 
 from __future__ import annotations
 
 from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
 from functools import partial, wraps
 from typing import ParamSpec, TypeVar
 
-from anyio import CapacityLimiter, to_thread
+from anyio import CapacityLimiter, fail_after, to_thread
 from anyio.lowlevel import RunVar
+from sqlalchemy.exc import TimeoutError as WaitedTooLongError
 
 P = ParamSpec("P")
 T = TypeVar("T")
 
 #: Calls that are worked on at the same time: one computes while others wait for the database.
 AT_ONCE = 4
+#: Of these, calls that may write.
+WRITING = AT_ONCE - 1
+#: For how long a call that may write waits for its place, in seconds: pages give up then, too, and
+#: send it again.
+PATIENCE_S = 15.0
+
+
+@dataclass(frozen=True)
+class _Places:
+    """Those of all, and those of writers among them."""
+
+    of_all: CapacityLimiter
+    of_writers: CapacityLimiter
+
 
 #: Of each event loop.
-_PLACES: RunVar[CapacityLimiter] = RunVar("places in line")
+_PLACES: RunVar[_Places] = RunVar("places in line")
 
 
 def in_line(endpoint: Callable[P, T]) -> Callable[P, Awaitable[T]]:
-    """The endpoint, in a thread as ever; whoever comes when enough are in one waits without."""
+    """The endpoint, which may write, in a thread as ever; who waits for a place waits without.
+
+    Raises SQLAlchemy's TimeoutError, having done nothing, where no place was free for too long.
+    """
 
     @wraps(endpoint)
     async def waited(*args: P.args, **kwargs: P.kwargs) -> T:
-        return await to_thread.run_sync(partial(endpoint, *args, **kwargs), limiter=_places())
+        places = _places()
+        try:
+            with fail_after(PATIENCE_S):
+                await places.of_writers.acquire()
+        except TimeoutError:
+            raise WaitedTooLongError("others who write were waited for too long") from None
+        try:
+            return await to_thread.run_sync(
+                partial(endpoint, *args, **kwargs), limiter=places.of_all
+            )
+        finally:
+            places.of_writers.release()
 
     return waited
 
 
-def _places() -> CapacityLimiter:
+def in_line_to_look(endpoint: Callable[P, T]) -> Callable[P, Awaitable[T]]:
+    """The endpoint, which writes nothing, as `in_line`: it waits for nobody who waits to write."""
+
+    @wraps(endpoint)
+    async def waited(*args: P.args, **kwargs: P.kwargs) -> T:
+        return await to_thread.run_sync(
+            partial(endpoint, *args, **kwargs), limiter=_places().of_all
+        )
+
+    return waited
+
+
+def _places() -> _Places:
     try:
         return _PLACES.get()
     except LookupError:
-        places = CapacityLimiter(AT_ONCE)
+        places = _Places(CapacityLimiter(AT_ONCE), CapacityLimiter(WRITING))
         _PLACES.set(places)
         return places

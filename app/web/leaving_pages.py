@@ -14,6 +14,7 @@ from app.services.studio import Studio
 
 from . import languages, words
 from .failing_kindly import FailingKindly
+from .in_line import in_line
 from .security import StudioDep, session_cookie
 from .session_pages import about, do, render, to_stage, token_of
 from .words import translatable
@@ -41,6 +42,7 @@ def ask_to_withdraw(slug: str, request: Request, studio: StudioDep) -> Response:
 
 
 @router.post("/withdraw")
+@in_line
 def withdraw(
     slug: str, request: Request, studio: StudioDep, delete: Annotated[str, Form()] = ""
 ) -> Response:
@@ -78,6 +80,7 @@ def ask_for_receipt(slug: str, request: Request, studio: StudioDep) -> Response:
 
 
 @router.post("/delete")
+@in_line
 def delete(
     slug: str, request: Request, studio: StudioDep, receipt: Annotated[str, Form()] = ""
 ) -> Response:

@@ -26,6 +26,7 @@ from app.study.recruitment import Outcome
 
 from . import languages, mturk_pages, turned_away
 from .failing_kindly import FailingKindly
+from .in_line import in_line
 from .security import SESSION_COOKIE_SECONDS, StudioDep, session_cookie, set_cookie
 from .session_pages import about, do, is_known, render, to_stage, token_of
 from .stage_pages import TITLES, stage_page
@@ -77,6 +78,7 @@ def read_consent(slug: str, request: Request, studio: StudioDep) -> Response:
 
 
 @router.post("/consent")
+@in_line
 def consent(
     slug: str,
     request: Request,
@@ -127,6 +129,7 @@ def _enter(
 
 
 @router.post("/decline")
+@in_line
 def decline(slug: str, request: Request, studio: StudioDep) -> Response:
     """Decline. A newcomer leaves without a trace."""
     token = request.cookies.get(session_cookie(slug))
@@ -143,6 +146,7 @@ def decline(slug: str, request: Request, studio: StudioDep) -> Response:
 
 
 @router.post("/continue")
+@in_line
 def go_on(slug: str, request: Request, studio: StudioDep) -> Response:
     return do(slug, lambda: participation.go_on(studio, token_of(request, slug)))
 

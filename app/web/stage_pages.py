@@ -12,6 +12,7 @@ from app.services.errors import AnswersRefusedError
 from app.services.state import State
 
 from .failing_kindly import FailingKindly
+from .in_line import in_line
 from .security import StudioDep
 from .session_pages import do, render, token_of
 from .words import translatable
@@ -37,6 +38,7 @@ TITLES = {
 
 
 @router.post("/screen-out")
+@in_line
 def screen_out(slug: str, request: Request, studio: StudioDep) -> Response:
     """Leave the device check for good."""
     return do(slug, lambda: participation.screen_out(studio, token_of(request, slug)))
@@ -49,6 +51,7 @@ async def form_fields(request: Request) -> dict[str, str]:
 
 
 @router.post("/questionnaire")
+@in_line
 def questionnaire(
     slug: str,
     request: Request,

@@ -19,7 +19,7 @@ RUN apt-get update \
     && groupadd --system --gid 10001 pbpo \
     && useradd --system --uid 10001 --gid 10001 --home-dir /nonexistent --no-create-home --shell /usr/sbin/nologin pbpo \
     && install --directory --owner=pbpo --group=pbpo --mode=0700 /data /ledger /backups \
-    && install --directory --owner=pbpo --group=pbpo --mode=0755 /media
+    && install --directory --owner=pbpo --group=pbpo --mode=0755 /media /own-videos
 WORKDIR /srv/pbpo
 COPY --from=build /opt/venv /opt/venv
 COPY --from=build /srv/pbpo ./
@@ -33,6 +33,7 @@ ENV PATH=/opt/venv/bin:$PATH \
     OMP_NUM_THREADS=1 \
     PBPO_DATA_DIR=/data \
     PBPO_MEDIA_DIR=/media \
+    PBPO_OWN_VIDEOS_DIR=/own-videos \
     PBPO_DELETIONS_FILE=/ledger/deletions.log \
     PBPO_PRODUCTION=true \
     PBPO_SECURE_COOKIES=true

@@ -150,9 +150,14 @@ def restore(source: Path, settings: Settings, ledgers: Sequence[Path], now: date
 def _besides(settings: Settings) -> Iterator[tuple[str, Path]]:
     if settings.ledger_path.is_file():
         yield LEDGER, settings.ledger_path
-    for path in sorted(settings.uploads_dir.rglob("*")):
-        if path.is_file() and path.suffix != ".part":
-            yield f"{UPLOADS}/{path.relative_to(settings.uploads_dir).as_posix()}", path
+    # A set: the two may be one folder.
+    found = {
+        f"{UPLOADS}/{path.relative_to(folder).as_posix()}": path
+        for folder in {settings.uploads_dir, settings.own_videos}
+        for path in folder.rglob("*")
+        if path.is_file() and path.suffix != ".part"
+    }
+    yield from sorted(found.items())
 
 
 def _elsewhere(settings: Settings) -> dict[str, Any] | None:
@@ -173,11 +178,11 @@ def _own_videos(database: Database) -> list[str]:
 
 
 def _settle_videos(studio: Studio) -> None:
-    """Delete restored videos of studies that are deleted again; move the others to the store."""
+    """Delete restored videos of studies that are deleted again; move others where they belong."""
     videos = {path.name: path for path in studio.settings.uploads_dir.glob("*") if path.is_file()}
     for name in videos.keys() - set(_own_videos(studio.database)):
         videos.pop(name).unlink()
-    if studio.recordings.origin is not None:
+    if studio.recordings.origin is not None or studio.settings.own_videos_dir is not None:
         studio.recordings.keep_files(videos)
         for path in videos.values():
             path.unlink()

@@ -27,7 +27,9 @@ def faults(studio: Studio) -> list[str]:
         for name, folder in (
             ("data folder", studio.settings.data_dir),
             ("folder of rendered videos", studio.settings.media_dir),
+            ("folder of studies' own videos", studio.settings.own_videos_dir),
         )
+        if folder is not None
     ]
     return [fault for fault in found if fault is not None]
 

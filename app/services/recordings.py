@@ -26,7 +26,7 @@ from .background import Background
 from .errors import NotFoundError, StoreAwayError
 from .settings import Settings
 from .stores.opening import open_stores
-from .stores.store import Link, Store
+from .stores.store import Errand, Link, Store
 
 log = logging.getLogger(__name__)
 
@@ -112,8 +112,8 @@ class Recordings:
             raise NotFoundError("the file of this recording is missing")
         return self._make(source, urgent=urgent)
 
-    def hand_out(self, source: Source, *, head: bool = False) -> Path | Link:
-        """Where a browser gets the file that `ensure` saw to, by a GET or, if `head`, by a HEAD."""
+    def hand_out(self, source: Source, *, head: bool = False) -> Path | Link | Errand:
+        """How a browser gets the file that `ensure` saw to, by a GET or, if `head`, by a HEAD."""
         store, name = self._kept(source)
         return store.hand_out(name, head=head)
 

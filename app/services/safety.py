@@ -83,11 +83,11 @@ def unsafe_settings(studio: Studio, host: str) -> Iterator[str]:
     access = settings.data_dir / demo.ACCESS_FILE
     if access.exists():
         yield f"{access} holds the demo's password and is of no more use: delete it."
-    if settings.media_dir.stat().st_mode & stat.S_IWOTH:
-        yield (
-            f"Every user of this machine can put other videos into {settings.media_dir}:"
-            f" chmod o-w {settings.media_dir}"
-        )
+    for folder in (settings.media_dir, settings.own_videos):
+        if folder.exists() and folder.stat().st_mode & stat.S_IWOTH:
+            yield (
+                f"Every user of this machine can put other videos into {folder}: chmod o-w {folder}"
+            )
     if settings.ledger_path.exists() and settings.ledger_path.stat().st_mode & _OTHERS:
         yield (
             f"Other users of this machine can read or write {settings.ledger_path}:"

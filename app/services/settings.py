@@ -41,6 +41,10 @@ class Settings(BaseSettings):
     media_dir: Annotated[
         Path, Field(description="Rendered recordings, named by content, shared by all studies.")
     ] = Path("media")
+    own_videos_dir: Annotated[
+        Path | None,
+        Field(description="The videos of own studies. Default: uploads in the data folder."),
+    ] = None
     recordings_url: Annotated[
         str,
         Field(
@@ -54,6 +58,13 @@ class Settings(BaseSettings):
     s3_public_endpoint: Annotated[
         str, Field(description="The same for browsers, where they reach it under another name.")
     ] = ""
+    proxy_sends_videos: Annotated[
+        bool,
+        Field(
+            description="The proxy in front sends videos by itself, as X-Accel-Redirect tells it."
+            " Needs PBPO_OWN_VIDEOS_DIR and PBPO_MEDIA_DIR outside the data folder."
+        ),
+    ] = False
     secure_cookies: Annotated[
         bool, Field(description="Send cookies over HTTPS only. Set it wherever TLS is.")
     ] = False
@@ -193,6 +204,35 @@ class Settings(BaseSettings):
             )
         return url
 
+    @field_validator("own_videos_dir")
+    @classmethod
+    def _videos_apart_from_answers(cls, folder: Path | None, info: ValidationInfo) -> Path | None:
+        # What was refused is not among the data, and is fault enough.
+        data = info.data.get("data_dir")
+        if folder is not None and data is not None and _one_holds_the_other(folder, data):
+            raise ValueError(
+                f"expected a folder apart from {data}, which has the answers, got {folder}"
+            )
+        return folder
+
+    @field_validator("proxy_sends_videos")
+    @classmethod
+    def _proxies_read_videos_alone(cls, sends: bool, info: ValidationInfo) -> bool:
+        if not sends or not {"data_dir", "own_videos_dir", "media_dir"} <= info.data.keys():
+            return sends
+        if info.data.get("recordings_url"):
+            raise ValueError(
+                "expected videos in folders, where the proxy reads them, got PBPO_RECORDINGS_URL:"
+                " browsers get them from that store without the proxy"
+            )
+        data, media = info.data["data_dir"], info.data["media_dir"]
+        if info.data["own_videos_dir"] is None or _one_holds_the_other(media, data):
+            raise ValueError(
+                "expected PBPO_OWN_VIDEOS_DIR and PBPO_MEDIA_DIR to be folders apart from"
+                f" {data}, which has the answers, since the proxy has to read them"
+            )
+        return sends
+
     @property
     def url(self) -> str:
         return self.database_url or f"sqlite:///{self.data_dir.resolve() / 'pbpo.sqlite3'}"
@@ -204,6 +244,16 @@ class Settings(BaseSettings):
     @property
     def uploads_dir(self) -> Path:
         return self.data_dir / "uploads"
+
+    @property
+    def own_videos(self) -> Path:
+        """Where videos of own studies are; `uploads_dir` has those of studies that are made."""
+        return self.own_videos_dir or self.uploads_dir
+
+
+def _one_holds_the_other(one: Path, other: Path) -> bool:
+    one, other = one.resolve(), other.resolve()
+    return one.is_relative_to(other) or other.is_relative_to(one)
 
 
 def settings_faults(error: ValidationError) -> str:

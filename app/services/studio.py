@@ -71,6 +71,9 @@ def open_studio(
     # What people answered, and who they are, is for the eyes of the server's own user.
     settings.data_dir.mkdir(parents=True, exist_ok=True, mode=0o700)
     settings.media_dir.mkdir(parents=True, exist_ok=True)
+    if settings.own_videos_dir is not None:
+        # Whoever else has to read it, such as a proxy, is let in by whoever runs the server.
+        settings.own_videos_dir.mkdir(parents=True, exist_ok=True, mode=0o750)
     migrate(settings.url)
     database = Database(settings.url)
     if settings.workers_apart:

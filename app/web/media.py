@@ -1,12 +1,12 @@
 """Recordings, under addresses that say nothing, by ranges, for browsers to keep.
 
-Where a store of the network has them, browsers are sent there by links that are good for minutes.
+Where a store of the network has them, browsers are sent there by links that are good for minutes;
+where the proxy in front may send them, it is told which.
 """
 
 from __future__ import annotations
 
 import asyncio
-import mimetypes
 from concurrent.futures import Future
 from typing import Any
 
@@ -15,12 +15,15 @@ from fastapi.responses import FileResponse, RedirectResponse, Response
 from starlette.concurrency import run_in_threadpool
 
 from app.services.recordings import Source
-from app.services.stores.store import KEPT, Link
+from app.services.stores.store import KEPT, Errand, Link, form_of
 from app.services.studio import Studio
 
 from .security import StudioDep
 
 router = APIRouter(tags=["media"])
+
+#: What a proxy understands and browsers never see: the address of a file that it has itself.
+TO_PROXY = "X-Accel-Redirect"
 
 
 @router.api_route(
@@ -42,9 +45,12 @@ async def recording(public_id: str, request: Request, studio: StudioDep) -> Resp
     if isinstance(place, Link):
         kept = f"private, max-age={place.seconds}"
         return RedirectResponse(place.url, 307, headers={"Cache-Control": kept})
-    # A study's own videos may be of another form than the address says.
-    form = mimetypes.guess_type(place.name)[0] or "video/mp4"
-    return _Video(place, media_type=form, headers={"Cache-Control": KEPT, "ETag": etag})
+    headers = {"Cache-Control": KEPT, "ETag": etag}
+    if isinstance(place, Errand):
+        # No body: the proxy puts the file in its place, or the part that was asked for.
+        sent_by_proxy = {TO_PROXY: place.address, **headers}
+        return Response(media_type=form_of(place.address), headers=sent_by_proxy)
+    return _Video(place, media_type=form_of(place.name), headers=headers)
 
 
 def _begun(studio: Studio, public_id: str) -> tuple[Source, Future[Any]]:

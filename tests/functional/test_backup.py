@@ -102,6 +102,32 @@ def test_a_backup_taken_in_use_becomes_the_same_studio(
 
 
 @pytest.mark.sqlite
+def test_own_videos_in_a_folder_of_their_own_are_backed_up_and_restored_into_one(
+    studio: Studio, tmp_path: Path
+) -> None:
+    there = settings_for(tmp_path / "one", studio).model_copy(
+        update={"own_videos_dir": tmp_path / "videos"}
+    )
+    one = open_studio(there, background=Idle(1))
+    begin_study(one, tmp_path / "kettles")
+    one.close()
+    assert not there.uploads_dir.exists()
+    held = backups.backup(there, tmp_path / "backup.zip", STARTED)
+    assert (held.files, held.elsewhere) == (4, 0)
+
+    new = settings_for(tmp_path / "new", studio).model_copy(
+        update={"own_videos_dir": tmp_path / "new videos"}
+    )
+    assert backups.restore(tmp_path / "backup.zip", new, [], STARTED).missing == 0
+    was, came = (
+        {path.name: path.read_bytes() for path in settings.own_videos.iterdir()}
+        for settings in (there, new)
+    )
+    assert was == came
+    assert list(new.uploads_dir.iterdir()) == []
+
+
+@pytest.mark.sqlite
 def test_what_was_deleted_after_the_backup_is_deleted_again(
     people: list[Session], studio: Studio, tmp_path: Path, clock: Clock
 ) -> None:

@@ -13,6 +13,7 @@ import yaml
 
 from app.services.errors import ConflictError
 from app.services.settings import SECRETS_DIR, Settings
+from app.services.stores.opening import OWN_AT_PROXY, RENDERED_AT_PROXY
 from app.storage.schema import migrate
 from tests.databases import PostgresServer
 
@@ -74,6 +75,22 @@ def test_what_a_service_keeps_is_in_a_named_volume(compose: dict[str, Any]) -> N
         for volume in service["volumes"]:
             source = volume.split(":")[0]
             assert source in compose["volumes"] or volume.endswith("Caddyfile:ro"), volume
+
+
+def test_caddy_sees_videos_and_nothing_else_of_the_studio(
+    compose: dict[str, Any], dockerfile: str
+) -> None:
+    mounted = {
+        name: dict(volume.split(":", 1) for volume in service["volumes"])
+        for name, service in compose["services"].items()
+    }
+    shared = mounted["caddy"].keys() & mounted["app"].keys()
+    assert {name: mounted["caddy"][name] for name in shared} == {
+        "own_videos": f"/srv{OWN_AT_PROXY}:ro",
+        "media": f"/srv{RENDERED_AT_PROXY}:ro",
+    }
+    assert f"PBPO_OWN_VIDEOS_DIR={mounted['app']['own_videos']} " in dockerfile
+    assert f"PBPO_MEDIA_DIR={mounted['app']['media']} " in dockerfile
 
 
 def test_secrets_come_from_files_alone(compose: dict[str, Any], dockerfile: str) -> None:

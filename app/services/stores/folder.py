@@ -3,18 +3,30 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
+from .store import Errand
+
+#: Names that mean the same to every proxy, encoded or not, and lead nowhere else: a hash and an
+#: ending. All names are such, unless somebody finds a way to another one: that we send ourselves.
+_PLAIN = re.compile(r"[0-9a-z]+\.[0-9a-z]+", re.ASCII)
+
 
 class FolderStore:
-    """A `Store` over one folder. Folders within it are somebody else's."""
+    """A `Store` over one folder. Folders within it are somebody else's.
+
+    address: of the folder at a proxy that sends its files in our place, such as /videos/own; none
+    if we send them.
+    """
 
     origin: str | None = None
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, address: str | None = None) -> None:
         self._folder = folder
+        self._address = address
 
     def at_hand(self, name: str) -> bool:
         return (self._folder / name).is_file()
@@ -46,8 +58,10 @@ class FolderStore:
         for name in names:
             (self._folder / name).unlink(missing_ok=True)
 
-    def hand_out(self, name: str, *, head: bool) -> Path:
-        return self._folder / name
+    def hand_out(self, name: str, *, head: bool) -> Path | Errand:
+        if self._address is None or not _PLAIN.fullmatch(name):
+            return self._folder / name
+        return Errand(f"{self._address}/{name}")
 
     def fault(self) -> str | None:
         """None: whether the studio's folders can be written to is looked at for all of them."""

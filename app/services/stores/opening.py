@@ -12,6 +12,9 @@ from .store import Store
 #: Folders within a bucket, called as those of a machine are: files can be moved as they lie.
 OWN, RENDERED = "uploads", "media"
 
+#: Where a proxy that sends videos has the two folders: deploy/ says the same.
+OWN_AT_PROXY, RENDERED_AT_PROXY = "/videos/own", "/videos/rendered"
+
 
 @dataclass(frozen=True)
 class Stores:
@@ -24,7 +27,12 @@ class Stores:
 def open_stores(settings: Settings) -> Stores:
     """Raises ConflictError if the settings name a store that cannot be used from here."""
     if not settings.recordings_url:
-        return Stores(FolderStore(settings.uploads_dir), FolderStore(settings.media_dir))
+        own, rendered = OWN_AT_PROXY, RENDERED_AT_PROXY
+        sends = settings.proxy_sends_videos
+        return Stores(
+            FolderStore(settings.own_videos, own if sends else None),
+            FolderStore(settings.media_dir, rendered if sends else None),
+        )
     # Its client takes a while to be imported, and need not be installed.
     from .s3 import S3Store  # noqa: PLC0415
     from .s3_bucket import Bucket  # noqa: PLC0415

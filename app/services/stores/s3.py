@@ -6,7 +6,6 @@ by many people, is looked up once. Names are of content: what was there is there
 
 from __future__ import annotations
 
-import mimetypes
 import shutil
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
@@ -16,7 +15,7 @@ from app.services.errors import StoreAwayError
 
 from .memory import Memory
 from .s3_bucket import Bucket
-from .store import KEPT, Link
+from .store import KEPT, Link, form_of
 
 #: For how long a link is good, in seconds: long enough to watch the longest video, and to be given
 #: out again for half that time, so that a browser which comes back finds what it has kept.
@@ -132,8 +131,3 @@ class S3Store:
 
     def _key(self, name: str) -> str:
         return self._bucket.key(self._folder, name)
-
-
-def form_of(name: str) -> str:
-    """The media type of a video, by its ending."""
-    return mimetypes.guess_type(name)[0] or "video/mp4"

@@ -6,6 +6,7 @@ there twice puts the same bytes.
 
 from __future__ import annotations
 
+import mimetypes
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,6 +22,18 @@ class Link:
 
     url: str
     seconds: int
+
+
+@dataclass(frozen=True)
+class Errand:
+    """A file that the proxy in front sends in our place, by its address there."""
+
+    address: str
+
+
+def form_of(name: str) -> str:
+    """The media type of a video, by its ending: a study's own may be of any."""
+    return mimetypes.guess_type(name)[0] or "video/mp4"
 
 
 class Store(Protocol):
@@ -45,8 +58,8 @@ class Store(Protocol):
     def throw_away(self, names: Iterable[str]) -> None:
         """Delete files; those that are not there are none to delete. May ask a network."""
 
-    def hand_out(self, name: str, *, head: bool) -> Path | Link:
-        """Where whoever asks gets the file, by a GET or, if `head`, by a HEAD. Asks no network."""
+    def hand_out(self, name: str, *, head: bool) -> Path | Link | Errand:
+        """How whoever asks gets the file, by a GET or, if `head`, by a HEAD. Asks no network."""
 
     def fault(self) -> str | None:
         """What keeps the store from working, in a sentence without a secret. May ask a network."""

@@ -69,3 +69,31 @@ def test_a_store_may_have_a_prefix_of_several_parts() -> None:
     for url in ("s3://bucket", "s3://bucket.lab-1/", "s3://bucket/studies/2026_a.b"):
         assert Settings(recordings_url=url).recordings_url == url
     assert Settings(s3_endpoint="http://127.0.0.1:9000").s3_endpoint.endswith(":9000")
+
+
+@pytest.mark.parametrize(
+    ("said", "expected"),
+    [
+        ({}, "expected PBPO_OWN_VIDEOS_DIR and PBPO_MEDIA_DIR"),
+        ({"own_videos_dir": "own", "media_dir": "data/media"}, "apart from data"),
+        ({"own_videos_dir": "own", "recordings_url": "s3://bucket"}, "got PBPO_RECORDINGS_URL"),
+    ],
+)
+def test_a_proxy_sends_videos_of_folders_without_answers_alone(
+    said: dict[str, str], expected: str
+) -> None:
+    with pytest.raises(ValidationError) as refused:
+        Settings.model_validate({"proxy_sends_videos": True, **said})
+    assert settings_faults(refused.value).startswith("PBPO_PROXY_SENDS_VIDEOS: ")
+    assert expected in settings_faults(refused.value)
+
+
+@pytest.mark.parametrize("folder", ["data", "data/uploads", ".", "elsewhere/../data/own"])
+def test_own_videos_lie_apart_from_the_answers_or_where_they_always_do(folder: str) -> None:
+    with pytest.raises(ValidationError) as refused:
+        Settings(own_videos_dir=Path(folder))
+    assert f"expected a folder apart from data, which has the answers, got {Path(folder)}" in (
+        settings_faults(refused.value)
+    )
+    assert Settings().own_videos == Path("data/uploads")
+    assert Settings(own_videos_dir=Path("own")).own_videos == Path("own")

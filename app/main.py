@@ -11,7 +11,7 @@ from fastapi.staticfiles import StaticFiles
 from starlette.types import Scope
 
 from app import __version__
-from app.services import forgetting, retention
+from app.services import forgetting, retention, unfinished
 from app.services.settings import Settings
 from app.services.studio import Studio, open_studio
 from app.web import (
@@ -81,7 +81,7 @@ def create_app(
         # With workers apart, theirs is one sweep for all servers; each has a memory of its own.
         apart = opened.settings.workers_apart
         sweeping = nullcontext() if apart else retention.swept_hourly(opened)
-        with sweeping, forgetting.kept_up(opened):
+        with sweeping, forgetting.kept_up(opened), unfinished.swept_hourly(opened):
             yield
         if closes:
             opened.close()

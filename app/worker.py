@@ -11,7 +11,7 @@ from pathlib import Path
 
 import procrastinate
 
-from app.services import design, logs, safety
+from app.services import design, logs, safety, unfinished
 from app.services.in_process import InProcess
 from app.services.settings import Settings
 from app.services.studio import open_studio
@@ -52,7 +52,8 @@ def work(
         # Simulated evaluators walk through the application itself, which services do not know.
         studio.works[design.SIMULATE] = simulate_job
         tasks = WorkerTasks(studio, TaskQueue(studio.database), pulse)
-        asyncio.run(_until_told(tasks, _Manner(videos, alive, pulse), ready))
+        with unfinished.swept_hourly(studio):
+            asyncio.run(_until_told(tasks, _Manner(videos, alive, pulse), ready))
     finally:
         studio.close()
 

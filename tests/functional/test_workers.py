@@ -153,6 +153,9 @@ def test_workers_do_what_servers_leave_to_them_though_one_is_killed_and_one_is_s
     unknown = video(studio, "env1/999/0")
     urgent = video(studio, "env1/1/0", urgent=True)
     simulated = design.simulate(studio, somebody, study, 200, "certain", 0)
+    unfinished = studio.settings.media_dir / f".{'a' * 32}.{'b' * 32}.part"
+    unfinished.touch()
+    os.utime(unfinished, (0, 0))
 
     def job() -> Job:
         return row(studio, simulated.public_id)
@@ -160,6 +163,7 @@ def test_workers_do_what_servers_leave_to_them_though_one_is_killed_and_one_is_s
     with Worker(studio.settings, tmp_path) as worker:
         # It sweeps as soon as it is there; servers do not.
         until(lambda: sweeps(studio) == [2], "swept", worker)
+        until(lambda: not unfinished.exists(), "an unfinished video is removed", worker)
         assert "retention" not in {thread.name for thread in threading.enumerate()}
         urgent.result(PATIENCE_S)
         assert not later.done()

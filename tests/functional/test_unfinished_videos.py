@@ -1,0 +1,76 @@
+"""What a killed process leaves of a video that it was writing."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import time
+from datetime import timedelta
+from pathlib import Path
+
+import pytest
+
+from app.main import create_app
+from app.services import unfinished
+from app.services.settings import Settings
+from app.services.studio import Studio
+from tests.conftest import STARTED
+
+DAY = timedelta(days=1)
+RENDERING = f".{'a' * 32}.{'b' * 32}.part"
+KEEPING = f"{'c' * 64}.mp4.4711.part"
+
+
+@pytest.fixture
+def settings(tmp_path: Path) -> Settings:
+    return Settings(data_dir=tmp_path / "data", media_dir=tmp_path / "media")
+
+
+def write(folder: Path, name: str, age: timedelta) -> Path:
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / name
+    path.write_bytes(b"half a video")
+    at = (STARTED - age).timestamp()
+    os.utime(path, (at, at))
+    return path
+
+
+def test_what_nobody_has_written_to_for_a_day_goes_and_nothing_else(studio: Studio) -> None:
+    media, own = studio.settings.media_dir, studio.settings.uploads_dir
+    old = [write(media, RENDERING, DAY), write(own, KEEPING, 9 * DAY)]
+    kept = [
+        # Another process may be at it.
+        write(media, RENDERING.replace("b", "d"), timedelta(hours=23)),
+        write(media, f"{'a' * 32}.mp4", 9 * DAY),
+        write(media, "somebodys-download.part", 9 * DAY),
+        write(own / "drafts" / "one", ".a.mp4.part", 9 * DAY),
+    ]
+    assert unfinished.sweep(studio, lambda: True) == 0
+    assert unfinished.sweep(studio) == len(old)
+    assert not any(path.exists() for path in old)
+    assert all(path.exists() for path in kept)
+
+
+def test_it_goes_although_another_process_has_just_removed_some(
+    studio: Studio, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    gone, left = (write(studio.settings.media_dir, f".{c * 64}.x.part", DAY) for c in "ab")
+    found = [gone, left]
+    monkeypatch.setattr(unfinished, "_unfinished", lambda _folder: found)
+    gone.unlink()
+    unfinished.sweep(studio)
+    assert not left.exists()
+
+
+def test_a_server_removes_it_when_it_starts(studio: Studio) -> None:
+    old = write(studio.settings.media_dir, RENDERING, DAY)
+    server = create_app(studio=studio)
+
+    async def run() -> None:
+        async with server.router.lifespan_context(server):
+            deadline = time.monotonic() + 30
+            while old.exists() and time.monotonic() < deadline:
+                await asyncio.sleep(0.01)
+
+    asyncio.run(run())
+    assert not old.exists()

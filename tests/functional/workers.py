@@ -31,12 +31,8 @@ class Worker(Started):
     """A worker that makes one video at a time, ready when this returns."""
 
     def __init__(self, settings: Settings, folder: Path) -> None:
-        named = {
-            "database_url": settings.database_url,
-            "data_dir": str(settings.data_dir),
-            "media_dir": str(settings.media_dir),
-            "workers_apart": True,
-        }
+        named = settings.model_dump(mode="json", exclude_unset=True, exclude={"metrics_token"})
+        named["workers_apart"] = True
         # Its processes import it again: it has to be a file.
         script = folder / f"worker_{time.monotonic_ns()}.py"
         script.write_text(_CODE.format(named=f"**{named}", pulse=QUICK))

@@ -210,9 +210,14 @@ def make_video(settings: Settings, locator: str) -> Path:
     """Make the video of a crane's recording where it is missing, in any process: its file.
 
     It is made in the media folder, and put from there into the store, where that is another place.
+    Raises StoreAwayError where either does not take it.
     """
-    video = library.ensure_video(*_crane_run(locator), settings.media_dir)
-    _stores(settings).rendered.put(video.name, video)
+    try:
+        video = library.ensure_video(*_crane_run(locator), settings.media_dir)
+        _stores(settings).rendered.put(video.name, video)
+    except OSError as error:
+        # The folder went away, say, or the disk is full.
+        raise StoreAwayError(f"the video could not be made: {error.strerror}") from error
     return video
 
 

@@ -32,7 +32,7 @@ def sweep(studio: Studio, stop: Callable[[], bool] = lambda: False) -> int:
     """Remove what is left; how many files went. stop: asked before each; True ends the sweep."""
     written_before = (studio.now() - KEPT).timestamp()
     gone = 0
-    for folder in (studio.settings.media_dir, studio.settings.uploads_dir):
+    for folder in (studio.settings.media_dir, studio.settings.own_videos):
         for path in _unfinished(folder):
             if stop():
                 return gone

@@ -19,6 +19,7 @@ from app.services.stores.store import KEPT, Errand, Link, form_of
 from app.services.studio import Studio
 
 from .security import StudioDep
+from .video_file import VideoFile
 
 router = APIRouter(tags=["media"])
 
@@ -50,14 +51,9 @@ async def recording(public_id: str, request: Request, studio: StudioDep) -> Resp
         # No body: the proxy puts the file in its place, or the part that was asked for.
         sent_by_proxy = {TO_PROXY: place.address, **headers}
         return Response(media_type=form_of(place.address), headers=sent_by_proxy)
-    return _Video(place, media_type=form_of(place.name), headers=headers)
+    return VideoFile(place, media_type=form_of(place.name), headers=headers)
 
 
 def _begun(studio: Studio, public_id: str) -> tuple[Source, Future[Any]]:
     source = studio.recordings.find(public_id)
     return source, studio.recordings.ensure(source)
-
-
-class _Video(FileResponse):
-    # Each piece is read by another thread, which is waited for: most videos are one piece.
-    chunk_size = 1024 * 1024

@@ -36,7 +36,7 @@ def write(folder: Path, name: str, age: timedelta) -> Path:
 
 
 def test_what_nobody_has_written_to_for_a_day_goes_and_nothing_else(studio: Studio) -> None:
-    media, own = studio.settings.media_dir, studio.settings.uploads_dir
+    media, own = studio.settings.media_dir, studio.settings.own_videos
     old = [write(media, RENDERING, DAY), write(own, KEEPING, 9 * DAY)]
     kept = [
         # Another process may be at it.

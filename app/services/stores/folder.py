@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import re
 import shutil
+import stat
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from pathlib import Path
+
+from app.services.errors import StoreAwayError
 
 from .store import Errand
 
@@ -14,9 +19,14 @@ from .store import Errand
 #: ending. All names are such, unless somebody finds a way to another one: that we send ourselves.
 _PLAIN = re.compile(r"[0-9a-z]+\.[0-9a-z]+", re.ASCII)
 
+#: How a disk says that there is nothing under a name.
+_NO_SUCH_FILE = (errno.ENOENT, errno.ENOTDIR, errno.ELOOP)
+
 
 class FolderStore:
     """A `Store` over one folder. Folders within it are somebody else's.
+
+    Raises StoreAwayError where the disk does not let it read or write.
 
     address: of the folder at a proxy that sends its files in our place, such as /videos/own; none
     if we send them.
@@ -28,28 +38,39 @@ class FolderStore:
         self._folder = folder
         self._address = address
 
-    def at_hand(self, name: str) -> bool:
-        return (self._folder / name).is_file()
+    def at_hand(self, name: str) -> bool | None:
+        try:
+            return self._size(name) is not None
+        except StoreAwayError:
+            return None
 
     def sizes(self, names: Iterable[str]) -> Mapping[str, int]:
-        return {name: (self._folder / name).stat().st_size for name in names if self.at_hand(name)}
+        held = {name: self._size(name) for name in names}
+        return {name: size for name, size in held.items() if size is not None}
 
     def put(self, name: str, file: Path) -> None:
         target = self._folder / name
         if target.exists():
             return
-        target.parent.mkdir(parents=True, exist_ok=True)
         part = target.with_name(f"{target.name}.{os.getpid()}.part")
-        shutil.copyfile(file, part)
-        part.replace(target)
+        try:
+            target.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(file, part)
+            part.replace(target)
+        except OSError as error:
+            with suppress(OSError):
+                part.unlink()
+            raise StoreAwayError(f"the video could not be kept: {error.strerror}") from error
 
     def bring(self, name: str, target: Path) -> bool:
         """Without a copy where the disk can do that: nothing ever writes into a kept file."""
-        if not self.at_hand(name):
+        if self._size(name) is None:
             return False
         target.parent.mkdir(parents=True, exist_ok=True)
         try:
             os.link(self._folder / name, target)
+        except FileNotFoundError:
+            return False
         except OSError:
             shutil.copyfile(self._folder / name, target)
         return True
@@ -69,3 +90,13 @@ class FolderStore:
 
     def close(self) -> None:
         pass
+
+    def _size(self, name: str) -> int | None:
+        """Bytes of the file; None if there is none. Asked once: it may go at any moment."""
+        try:
+            status = (self._folder / name).stat()
+        except OSError as error:
+            if error.errno in _NO_SUCH_FILE:
+                return None
+            raise StoreAwayError(f"the videos cannot be read: {error.strerror}") from error
+        return status.st_size if stat.S_ISREG(status.st_mode) else None

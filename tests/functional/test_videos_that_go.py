@@ -1,0 +1,145 @@
+"""A video's file, or its folder, goes in the very moment in which somebody asks for it."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable, Hashable
+from concurrent.futures import Future
+from pathlib import Path
+from typing import Any, TypeVar
+
+import anyio
+import httpx
+import pytest
+
+from app.crane import library
+from app.services import recordings
+from app.services.background import Background
+from app.services.errors import StoreAwayError
+from app.services.settings import Settings
+from app.services.stores.folder import FolderStore
+from app.services.studies import StudyInfo
+from app.services.studio import Studio
+from tests.conftest import Idle
+
+from .client import Api
+from .own_study import folder, own_study
+
+__all__ = ["folder", "own_study"]
+
+T = TypeVar("T")
+
+AWAY = "urn:pbpo-studio:problem:store-away"
+
+
+class Here(Idle):
+    """What belongs into another process is done at once in this one."""
+
+    def in_process(
+        self, key: Hashable, function: Callable[..., T], *args: Any, urgent: bool = False
+    ) -> Future[T]:
+        done: Future[T] = Future()
+        try:
+            done.set_result(function(*args))
+        except Exception as error:
+            done.set_exception(error)
+        return done
+
+
+@pytest.fixture
+def background() -> Background:
+    return Here(1)
+
+
+@pytest.fixture
+def settings(tmp_path: Path) -> Settings:
+    return Settings(data_dir=tmp_path / "data", media_dir=tmp_path / "media")
+
+
+@pytest.fixture
+def url(client: Api, own_study: StudyInfo) -> str:
+    return str(client.start("kettles").to_first_query().state["query"]["left"]["url"])
+
+
+def refused(answer: httpx.Response) -> str:
+    assert answer.status_code == 503, answer.text
+    assert answer.headers["content-type"] == "application/problem+json"
+    assert answer.json()["type"] == AWAY
+    return str(answer.json()["detail"])
+
+
+@pytest.mark.parametrize("asked", [{}, {"Range": "bytes=0-"}, {"Range": "bytes=1-2,5-9"}])
+@pytest.mark.parametrize("moment", ["before it is looked at", "before it is opened"])
+def test_a_file_that_goes_is_said_to_be_away_and_then_to_be_missing(
+    client: Api,
+    studio: Studio,
+    url: str,
+    monkeypatch: pytest.MonkeyPatch,
+    asked: dict[str, str],
+    moment: str,
+) -> None:
+    assert client.get(url, headers=asked).status_code == (206 if asked else 200)
+    hand_out, open_file = studio.recordings.hand_out, anyio.open_file
+
+    def gone(path: Any) -> Any:
+        Path(path).unlink()
+        return path
+
+    with monkeypatch.context() as patch:
+        if moment == "before it is looked at":
+            patch.setattr(studio.recordings, "hand_out", lambda *a, **k: gone(hand_out(*a, **k)))
+        else:
+            patch.setattr(anyio, "open_file", lambda path, **k: open_file(gone(path), **k))
+        assert "ask for it again" in refused(client.get(url, headers=asked))
+    assert client.get(url, headers=asked).status_code == 404
+
+
+def test_a_folder_that_goes_while_a_video_is_made_is_said_to_be_away(
+    client: Api, studio: Studio, short_study: StudyInfo, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    media = studio.settings.media_dir
+
+    def render(_run: object, part: Path) -> None:
+        part.write_bytes(b"a video")
+        if not (media.parent / "came back").exists():
+            shutil.rmtree(media)
+
+    monkeypatch.setattr(library, "render", render)
+    session = client.start().to_first_query()
+    url = session.state["query"]["left"]["url"]
+    assert "No such file" in refused(client.get(url))
+    (media.parent / "came back").touch()
+    assert client.get(url).content == b"a video"
+
+
+def test_a_folder_that_takes_nothing_is_said_to_be_away(studio: Studio, tmp_path: Path) -> None:
+    in_the_way = tmp_path / "a-file"
+    in_the_way.touch()
+    elsewhere = studio.settings.model_copy(update={"media_dir": in_the_way})
+    with pytest.raises(StoreAwayError, match=r"the video could not be made: .*exists"):
+        recordings.make_video(elsewhere, recordings.crane_locator("env1", 0, 0))
+    with pytest.raises(StoreAwayError, match=r"could not be kept: .*exists"):
+        FolderStore(in_the_way).put("a.mp4", tmp_path / "a-file")
+
+
+def test_what_a_full_disk_keeps_half_is_not_left_there(tmp_path: Path) -> None:
+    store = FolderStore(tmp_path / "videos")
+    with pytest.raises(StoreAwayError):
+        store.put("a.mp4", tmp_path / "no-such-file")
+    assert list((tmp_path / "videos").iterdir()) == []
+
+
+def test_what_cannot_be_read_is_said_to_be_away_and_what_is_gone_is_not_there(
+    tmp_path: Path,
+) -> None:
+    store = FolderStore(tmp_path)
+    (tmp_path / "a.mp4").write_bytes(b"ab")
+    (tmp_path / "folder.mp4").mkdir()
+    (tmp_path / "loop.mp4").symlink_to("loop.mp4")
+    names = ["a.mp4", "b.mp4", "folder.mp4", "loop.mp4", "a.mp4/within.mp4"]
+    assert store.sizes(names) == {"a.mp4": 2}
+    assert [store.at_hand(name) for name in names] == [True, False, False, False, False]
+    assert not store.bring("b.mp4", tmp_path / "copy.mp4")
+    with pytest.raises(StoreAwayError, match="cannot be read: File name too long"):
+        store.sizes(["a" * 300])
+    assert store.at_hand("a" * 300) is None

@@ -1,12 +1,12 @@
 """What comes back from the query page: a response, or that a video did not play.
 
-Each use case reads, works out what follows outside any transaction, and then writes once, having
-looked again: two tabs, a double click or a retry find that it was done.
+Each use case is one transaction: two tabs, a double click or a retry find that it was done. A fit
+belongs into none, and so what follows is worked out before, ahead of the response if possible.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 
@@ -29,11 +29,12 @@ from .errors import (
     SkipNotOfferedError,
     SkipReasonError,
 )
-from .proposals import NextQuery, Step, TrialInHand
+from .proposals import Step, TrialInHand
 from .queries import Happening
 from .state import State
 from .studies import stored_plan
 from .studio import Studio
+from .thoughts import History
 
 #: Attempts at one place of a trial: whoever needs more will not see any video at all.
 MOST_ATTEMPTS = 20
@@ -62,60 +63,21 @@ class FaultReport:
 def respond(studio: Studio, token: str, answer: Answer) -> State:
     """Store a response and move on. The same response again changes nothing."""
     with studio.measurements.answering(answer.response):
-        return _respond(studio, token, answer)
-
-
-def _respond(studio: Studio, token: str, answer: Answer) -> State:
-    with studio.database.read() as session:
-        row = sessions.find(studio, session, token)
-        query = queries.find(session, row, answer.query_id)
-        if not _is_new(row, query, answer):
-            return session_state.describe(studio, session, row)
-        sessions.require_asked(row, query.query_index)
-        trial = queries.trial_in_hand(row, query.trial.trial_index, query.trial.seed)
-        if answer.response == "skip" and not allows_skip(trial.method):
-            raise SkipNotOfferedError(
-                "expected left or right: this query offers no skip", row.stage
-            )
-        _check_reason(row, query, answer)
-        practising = query.trial.trial_index == PRACTICE_INDEX
-        follows = None
-        if not practising:
-            before = queries.read_record(session, query.trial_id)
-    if not practising:
-        # The fit, if it was not worked out ahead: between two transactions, inside none.
-        follows = _what_follows(studio, trial, (*before, _shown(query, answer.response)))
-    # Everybody else who answers waits for this one: nothing is in it that could be outside.
-    with studio.database.write() as session:
-        row = sessions.find(studio, session, token, to_write=True)
-        query = queries.find(session, row, answer.query_id)
-        if _is_new(row, query, answer):
-            _take(studio, session, row, query, answer, follows)
-    with studio.database.read() as session:
-        return session_state.describe(studio, session, sessions.find(studio, session, token))
-
-
-@dataclass(frozen=True)
-class _Following:
-    """What follows a response: the next query of its trial, and what the response taught."""
-
-    coming: NextQuery | None
-    step: Step
-    taught: Record
-    teaches: bool
-
-
-def _what_follows(studio: Studio, trial: TrialInHand, record: Record) -> _Following:
-    """record: with the response that is not stored yet."""
-    space = studio.proposer.space(trial.study_id, trial.environment)
-    history = learned(trial, record)
-    studio.measurements.step_asked(ahead=studio.proposer.known(trial, history) is not None)
-    return _Following(
-        coming=following(space, trial, record, studio.proposer.step),
-        step=studio.proposer.step(trial, history),
-        taught=lessons(trial, record),
-        teaches=teaches(trial, record[-1].trial_type),
-    )
+        worked_out: dict[History, Step] = {}
+        while True:
+            # Everybody else who answers may wait for this one: what follows was worked out before.
+            with studio.database.write() as session:
+                row = sessions.find(studio, session, token, to_write=True)
+                query = queries.find(session, row, answer.query_id)
+                lacking = None
+                if _is_new(row, query, answer):
+                    lacking = _take(studio, session, row, query, answer, worked_out)
+                if lacking is None:
+                    return session_state.describe(studio, session, row)
+            # Nobody has worked it out ahead: done now, inside no transaction. Should the trial have
+            # gone on meanwhile, what follows that is asked for next.
+            trial, history = lacking
+            worked_out[history] = studio.proposer.step(trial, history)
 
 
 def _take(
@@ -124,24 +86,59 @@ def _take(
     row: SessionRow,
     query: QueryRow,
     answer: Answer,
-    follows: _Following | None,
-) -> None:
-    """Store a response and what follows it; None in the practice, which teaches nothing."""
+    worked_out: Mapping[History, Step],
+) -> tuple[TrialInHand, History] | None:
+    """Store a response and what follows it.
+
+    Nothing is stored while it is not known what follows: that is returned, for the next attempt.
+    """
+    sessions.require_asked(row, query.query_index)
+    trial = queries.trial_in_hand(row, query.trial.trial_index, query.trial.seed)
+    if answer.response == "skip" and not allows_skip(trial.method):
+        raise SkipNotOfferedError("expected left or right: this query offers no skip", row.stage)
+    _check_reason(row, query, answer)
     now = studio.now()
-    # Raises if another query is the open one: nothing has been written yet.
-    sessions.advance(studio, row, protocol.Responded(query_index=query.query_index, at=now))
-    _store(session, row, query, answer, now)
-    if follows is None:
+    if query.trial.trial_index == PRACTICE_INDEX:
+        _move_on(studio, session, row, query, answer, now)
         _go_on_practising(studio, session, row, query, now)
-        return
-    if follows.teaches:
-        _store_lessons(session, query, follows.step, follows.taught)
+        return None
+    record = (*queries.read_record(session, query.trial_id), _shown(query, answer.response))
+    history = learned(trial, record)
+    step = worked_out.get(history) or studio.proposer.known(trial, history)
+    if step is None:
+        return trial, history
+    studio.measurements.step_asked(ahead=history not in worked_out)
+    space = studio.proposer.space(trial.study_id, trial.environment)
+    coming = following(space, trial, record, step)
+    _move_on(studio, session, row, query, answer, now)
+    if teaches(trial, query.trial_type):
+        _store_lessons(session, query, step, lessons(trial, record))
     if row.stage == Stage.QUERY and row.trial_index == query.trial.trial_index:
-        assert follows.coming is not None
-        session.add(trials.query_row(follows.coming, now, trial_id=query.trial_id))
+        assert coming is not None
+        session.add(trials.query_row(coming, now, trial_id=query.trial_id))
     else:
         query.trial.ended_at = now
         trials.arrive(studio, session, row)
+    return None
+
+
+def _move_on(
+    studio: Studio,
+    session: Session,
+    row: SessionRow,
+    query: QueryRow,
+    answer: Answer,
+    now: datetime,
+) -> None:
+    # Raises if another query is the open one: nothing has been written yet.
+    sessions.advance(studio, row, protocol.Responded(query_index=query.query_index, at=now))
+    query.response = Response(
+        response=answer.response,
+        skip_reason=answer.skip_reason,
+        rt_ms=answer.rt_ms,
+        answered_at=now,
+    )
+    queries.store_events(session, row, query, answer.happenings)
 
 
 def _go_on_practising(
@@ -244,18 +241,6 @@ def _shown(query: QueryRow, response: str) -> Shown:
         repeats=query.repeats_query_index,
         response=response,
     )
-
-
-def _store(
-    session: Session, row: SessionRow, query: QueryRow, answer: Answer, now: datetime
-) -> None:
-    query.response = Response(
-        response=answer.response,
-        skip_reason=answer.skip_reason,
-        rt_ms=answer.rt_ms,
-        answered_at=now,
-    )
-    queries.store_events(session, row, query, answer.happenings)
 
 
 def _store_lessons(session: Session, query: QueryRow, step: Step, taught: Record) -> None:

@@ -13,6 +13,8 @@ from app.storage.tables import Event, PlanVersion, SessionRow
 from app.study import protocol, texts
 from app.study.protocol import FINAL_STAGES, Stage
 
+from .studies import stored_texts
+
 #: Trial and query of an event that belongs to none.
 NO_TRIAL = -1
 
@@ -49,7 +51,7 @@ def due(session: Session, row: SessionRow) -> PlanVersion | None:
     if newest == row.plan_id:
         return None
     version = session.get_one(PlanVersion, newest)
-    wanted = text(version.texts[row.language])["version"]
+    wanted = text(stored_texts(version)[row.language])["version"]
     return version if row.stage == Stage.CONSENT or wanted != row.consent_version else None
 
 
@@ -62,7 +64,7 @@ def require_none_due(row: SessionRow) -> None:
 
 def renew(session: Session, row: SessionRow, version: PlanVersion, given: str) -> None:
     """Take the agreement to a changed text: the session keeps its place. Raises StaleConsent."""
-    in_force = text(version.texts[row.language])["version"]
+    in_force = text(stored_texts(version)[row.language])["version"]
     if given != in_force:
         raise protocol.StaleConsent(in_force, given)
     if row.consent_version is not None:

@@ -80,22 +80,16 @@ def _places(seed: int, queries: int, repeats: int, attention: int) -> tuple[Kind
     return schedule(queries, repeats, attention, np.random.default_rng([seed, _SCHEDULE_DRAW]))
 
 
-def following(
-    space: Space,
-    trial: TrialInHand,
-    record: Record,
-    step: Callable[[TrialInHand, History], Step],
-) -> NextQuery | None:
-    """The query after these; None after the last. `step` works out what the optimiser proposes."""
+def following(space: Space, trial: TrialInHand, record: Record, step: Step) -> NextQuery | None:
+    """The query after these; None after the last. step: what follows what they taught."""
     place = len(record)
     kind = kind_at(trial, place)
     if kind is None:
         return None
     if kind is not Kind.MODEL:
         return check_at(space, trial, record, place)
-    proposal = step(trial, learned(trial, record)).next
-    assert proposal is not None
-    return replace(proposal, query_index=place)
+    assert step.next is not None
+    return replace(step.next, query_index=place)
 
 
 def check_at(space: Space, trial: TrialInHand, record: Record, place: int) -> NextQuery:

@@ -11,7 +11,7 @@ from app.study import protocol
 from app.study.protocol import Stage
 from app.study.stages import Device
 
-from . import consents, playlist, sessions, trials
+from . import consents, playlist, sessions, studies, trials
 from . import state as session_state
 from .state import State
 from .studio import Studio
@@ -35,7 +35,7 @@ def consent(studio: Studio, token: str, version: str) -> State:
                 row.consent_version = version
                 row.consented_at = row.last_seen_at = studio.now()
                 return session_state.describe(studio, session, row)
-        now_in_force = consents.text(row.plan.texts[row.language])["version"]
+        now_in_force = consents.text(studies.stored_texts(row.plan)[row.language])["version"]
         event = protocol.Consented(version=version, current_version=now_in_force)
         sessions.advance(studio, row, event)
         row.consent_version = version

@@ -54,6 +54,10 @@ class Space:
     clips: tuple[tuple[Clip, ...], ...] = field(repr=False)
     parameters: tuple[str, ...] = ()
 
+    def clip(self, candidate: int, recording_id: int) -> Clip:
+        """The candidate's clip of this recording."""
+        return next(clip for clip in self.clips[candidate] if clip.id == recording_id)
+
     @property
     def all_clips(self) -> tuple[Clip, ...]:
         return tuple(clip for clips in self.clips for clip in clips)

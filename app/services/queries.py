@@ -69,9 +69,9 @@ def find(session: Session, row: SessionRow, public_id: str) -> QueryRow:
     return query
 
 
-def standing_at(session: Session, trial_id: int, query_index: int) -> QueryRow:
-    """The query at this place of a trial that was not set aside, with its recordings."""
-    place = {"trial_id": trial_id, "query_index": query_index}
+def standing_at(session: Session, row: SessionRow, trial_index: int, query_index: int) -> QueryRow:
+    """The query at this place of the session that was not set aside, with its trial."""
+    place = {"session_id": row.id, "trial_index": trial_index, "query_index": query_index}
     return session.scalars(_STANDING_AT, place).one()
 
 
@@ -149,12 +149,14 @@ _FIND = (
 )
 _STANDING_AT = (
     select(QueryRow)
+    .join(Trial, QueryRow.trial_id == Trial.id)
     .where(
-        QueryRow.trial_id == bindparam("trial_id"),
+        Trial.session_id == bindparam("session_id"),
+        Trial.trial_index == bindparam("trial_index"),
         QueryRow.query_index == bindparam("query_index"),
         QueryRow.set_aside_at.is_(None),
     )
-    .options(joinedload(QueryRow.left_recording), joinedload(QueryRow.right_recording))
+    .options(contains_eager(QueryRow.trial))
 )
 _RECORD: Select[Any] = (
     select(*_SHOWN, Response.response)

@@ -24,15 +24,15 @@ def describe(studio: Studio, session: Session, row: SessionRow) -> dict[str, Any
     plan = stored_plan(row.plan)
     practising = row.stage == Stage.PRACTICE
     trial_index = PRACTICE_INDEX if practising else row.trial_index
-    trial = next(trial for trial in row.trials if trial.trial_index == trial_index)
-    query = queries.standing_at(session, trial.id, row.query_index)
+    query = queries.standing_at(session, row, trial_index, row.query_index)
+    space = studio.proposer.space(row.study_id, query.trial.environment)
     condition = plan.conditions[row.trial_conditions[row.trial_index]]
     coming = _coming(studio, session, row, query)
     clips = [clip for following in coming for clip in (following.left, following.right)]
     state: dict[str, Any] = {
         "id": query.public_id,
-        "left": video(query.left_recording),
-        "right": video(query.right_recording),
+        "left": video(space.clip(query.left_candidate, query.left_recording_id)),
+        "right": video(space.clip(query.right_candidate, query.right_recording_id)),
         "skip": skip_of(plan, condition, row.language),
         "prefetch": list(dict.fromkeys(video_url(clip.public_id) for clip in clips)),
     }
@@ -52,7 +52,7 @@ def _undo(
     undo_s = stored_plan(row.plan).query.undo_s
     if not undo_s or query.query_index == 0 or query.attempt > 0:
         return None
-    before = queries.standing_at(session, query.trial_id, query.query_index - 1)
+    before = queries.standing_at(session, row, query.trial.trial_index, query.query_index - 1)
     if before.response is None:
         return None
     left = undo_s - (studio.now() - before.response.answered_at).total_seconds()

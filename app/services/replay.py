@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import partial
 
 from sqlalchemy import select
 from sqlalchemy.orm import Session, selectinload
@@ -13,7 +12,7 @@ from app.storage.tables import SessionRow, Trial
 from app.study.stages import PRACTICE_INDEX
 
 from . import queries, studies
-from .course import following
+from .course import following, learned
 from .proposals import work_out
 from .studio import Studio
 
@@ -67,7 +66,9 @@ def _differences(studio: Studio, session: Session, trial: Trial) -> Iterator[Dif
         if query.attempt > 0:
             # What took the place of a video that did not play depends on which ones could be had.
             continue
-        proposal = following(space, in_hand, record[: query.query_index], partial(work_out, space))
+        before = record[: query.query_index]
+        step = work_out(space, in_hand, learned(in_hand, before))
+        proposal = following(space, in_hand, before, step)
         assert proposal is not None
         stored = (
             query.left_candidate,

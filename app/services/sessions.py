@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from sqlalchemy import bindparam, select
-from sqlalchemy.orm import Session, joinedload, selectinload
+from sqlalchemy.orm import Session, joinedload
 
 from app.storage.arrivals import Reentry
-from app.storage.tables import SessionRow
+from app.storage.tables import PlanVersion, SessionRow, Study
 from app.study import protocol
 
 from . import consents, places, studies
@@ -60,10 +60,12 @@ def advance(studio: Studio, row: SessionRow, event: protocol.Event) -> None:
 
 
 # Made once: what is asked with every request takes as long to be put together as to be answered.
+# Plans and texts, which are long, are known by their hash.
 _WITH_ITS_STUDY = select(SessionRow).options(
-    selectinload(SessionRow.trials),
-    joinedload(SessionRow.plan),
-    joinedload(SessionRow.study),
+    joinedload(SessionRow.plan).load_only(
+        PlanVersion.study_id, PlanVersion.version, PlanVersion.plan_hash
+    ),
+    joinedload(SessionRow.study).load_only(Study.slug),
 )
 _TO_READ = _WITH_ITS_STUDY.where(SessionRow.token_hash == bindparam("hashed"))
 _TO_WRITE = _TO_READ.with_for_update(of=SessionRow)

@@ -24,7 +24,7 @@ from app.study.protocol import (
 )
 
 from . import consents, playlist, query_state, recruitment
-from .studies import plan_of, stored_plan
+from .studies import plan_of, stored_plan, stored_texts
 from .studio import Studio
 
 State = dict[str, Any]
@@ -43,12 +43,12 @@ def describe(studio: Studio, session: Session, row: SessionRow) -> State:
         "study": study_of(plan, row.study.slug, row.language),
         "language": row.language,
     }
-    written = row.plan.texts[row.language]
+    written = stored_texts(row.plan)[row.language]
     changed = consents.due(session, row)
     if changed is not None:
         # Agreed to another text: asked again, and nothing else until then.
         state["stage"] = Stage.CONSENT.value
-        state["consent"] = consents.text(changed.texts[row.language])
+        state["consent"] = consents.text(stored_texts(changed)[row.language])
         if progress.stage is not Stage.CONSENT:
             state["consent"]["again"] = True
         return state

@@ -25,6 +25,9 @@ from .errors import ConflictError, NotFoundError
 from .studio import Studio
 from .tokens import new_public_id
 
+#: What a study says, by language and by what it is for, in Markdown.
+Texts = Mapping[str, Mapping[str, str]]
+
 DRAFT = "draft"
 OPEN = "open"
 CLOSED = "closed"
@@ -36,8 +39,9 @@ SHARED = "shared"
 #: What follows /studies/ in the addresses of other pages.
 RESERVED_SLUGS = frozenset({"new"})
 
-#: Plans by their hash: parsing one takes longer than a response may.
+#: Plans and their texts by their hash: parsing them takes longer than a response may.
 _PLANS: dict[str, Plan] = {}
+_TEXTS: dict[str, Texts] = {}
 
 #: The same without some conditions, by which are left.
 _NARROWED: dict[tuple[str, frozenset[int]], Plan] = {}
@@ -54,7 +58,7 @@ class StudyInfo:
     slug: str
     status: str
     plan: Plan
-    texts: Mapping[str, Mapping[str, str]]
+    texts: Texts
     plan_id: int
     plan_hash: str
     plan_version: int
@@ -239,6 +243,14 @@ def stored_plan(version: PlanVersion) -> Plan:
     cached = _PLANS.get(version.plan_hash)
     if cached is None:
         cached = _PLANS[version.plan_hash] = Plan.model_validate(version.plan)
+    return cached
+
+
+def stored_texts(version: PlanVersion) -> Texts:
+    """The texts of a stored version, which never change either."""
+    cached = _TEXTS.get(version.plan_hash)
+    if cached is None:
+        cached = _TEXTS[version.plan_hash] = version.texts
     return cached
 
 

@@ -38,6 +38,7 @@ def _begin(studio: Studio, session: Session, row: SessionRow) -> None:
     condition = studies.stored_plan(row.plan).conditions[row.trial_conditions[row.trial_index]]
     now = studio.now()
     trial = Trial(
+        session_id=row.id,
         trial_index=row.trial_index,
         condition=condition.name,
         method=condition.method,
@@ -46,7 +47,7 @@ def _begin(studio: Studio, session: Session, row: SessionRow) -> None:
         started_at=now,
         queries=[query_row(first, now)],
     )
-    row.trials.append(trial)
+    session.add(trial)
     session.flush()
     studio.proposer.render([first.left, first.right])
 
@@ -55,6 +56,7 @@ def _begin_practice(studio: Studio, session: Session, row: SessionRow) -> None:
     """Store the practice, with its first query."""
     now = studio.now()
     trial = Trial(
+        session_id=row.id,
         trial_index=PRACTICE_INDEX,
         condition=PRACTICE,
         method="random",
@@ -64,7 +66,7 @@ def _begin_practice(studio: Studio, session: Session, row: SessionRow) -> None:
     )
     first = practice_query(studio, row, 0)
     trial.queries.append(query_row(first, now))
-    row.trials.append(trial)
+    session.add(trial)
     session.flush()
     after = first_query(studio, row)
     studio.proposer.render([first.left, first.right, after.left, after.right])

@@ -15,6 +15,7 @@ from app.storage.task_queue import JOB, RENDER, State, Task, TaskQueue
 from app.storage.task_tables import RUNNING, WAITING
 
 from .background import Background, Queue
+from .errors import StoreAwayError
 from .in_process import InProcess
 
 log = logging.getLogger(__name__)
@@ -157,8 +158,18 @@ class Apart(Background):
             future.set_exception(error)
 
 
+def fault_of(error: BaseException) -> str:
+    """How a worker says why it failed, for whoever waits: `_error_of` reads it."""
+    return f"{type(error).__name__}: {error}"
+
+
 def _error_of(state: State | None) -> Exception | None:
     """Why a task that is over failed; None if it was done."""
     if state is None:
         return None
-    return FailedApartError(state.fault or f"a worker left it {state.status}")
+    fault = state.fault or f"a worker left it {state.status}"
+    kind, _, message = fault.partition(": ")
+    if kind == StoreAwayError.__name__:
+        # As if it had been away from here: whoever waits may ask again.
+        return StoreAwayError(message)
+    return FailedApartError(fault)

@@ -32,6 +32,8 @@ from app.storage.task_queue import (
 )
 
 from . import jobs, recordings, retention
+from .apart import fault_of
+from .errors import StoreAwayError
 from .job_processes import JobProcesses
 from .studio import Studio
 
@@ -161,7 +163,7 @@ class WorkerTasks:
             await doing
         except Exception as error:
             if _decision(error, task) is None:
-                fault = f"{type(error).__name__}: {error}"
+                fault = fault_of(error)
                 log.error("failed", extra=_said(task) | {"fault": fault})
                 await asyncio.to_thread(self._give_up, task, fault)
             raise
@@ -194,8 +196,9 @@ def _decision(error: BaseException, task: Job) -> procrastinate.RetryDecision | 
         return procrastinate.RetryDecision(retry_in={"seconds": _IN_HANDS_S})
     if isinstance(error, GivenBackError | asyncio.CancelledError):
         return procrastinate.RetryDecision(retry_in={"seconds": 0})
-    # Its process was killed, for want of memory say, or the database was away: no fault of its own.
-    passing = isinstance(error, BrokenProcessPool | OperationalError)
+    # Its process was killed, for want of memory say, or the database or the store of recordings was
+    # away: no fault of its own.
+    passing = isinstance(error, BrokenProcessPool | OperationalError | StoreAwayError)
     if passing and task.attempts + 1 < MOST_LOSSES:
         return procrastinate.RetryDecision(retry_in={"seconds": _PASSES_S})
     return None

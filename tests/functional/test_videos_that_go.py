@@ -143,3 +143,6 @@ def test_what_cannot_be_read_is_said_to_be_away_and_what_is_gone_is_not_there(
     with pytest.raises(StoreAwayError, match="cannot be read: File name too long"):
         store.sizes(["a" * 300])
     assert store.at_hand("a" * 300) is None
+    with pytest.raises(StoreAwayError, match="could not be deleted"):
+        store.throw_away(["a.mp4", "folder.mp4"])
+    assert not store.at_hand("a.mp4")

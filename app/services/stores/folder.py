@@ -77,7 +77,10 @@ class FolderStore:
 
     def throw_away(self, names: Iterable[str]) -> None:
         for name in names:
-            (self._folder / name).unlink(missing_ok=True)
+            try:
+                (self._folder / name).unlink(missing_ok=True)
+            except OSError as error:
+                raise StoreAwayError(f"a video could not be deleted: {error.strerror}") from error
 
     def hand_out(self, name: str, *, head: bool) -> Path | Errand:
         if self._address is None or not _PLAIN.fullmatch(name):

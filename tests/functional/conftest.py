@@ -14,7 +14,7 @@ from app.services.settings import Settings
 from app.services.studies import StudyInfo
 from app.services.studio import Studio, open_studio
 from tests.conftest import SHORT_PLAN, Clock, Idle, StudyShelf
-from tests.databases import Databases
+from tests.databases import Databases, commit_quickly
 
 from .client import Api
 from .house import House, Kept
@@ -24,6 +24,13 @@ Recruit = Callable[[str], StudyInfo]
 
 EMAIL = "ada@lab.example"
 PASSWORD = "correct horse battery"
+
+
+@pytest.fixture(scope="package", autouse=True)
+def _quick_commits() -> Iterator[None]:
+    with pytest.MonkeyPatch.context() as patch:
+        commit_quickly(patch)
+        yield
 
 
 @pytest.fixture(scope="session")

@@ -23,6 +23,7 @@ from tests.databases import PostgresServer
 
 from .apart import TOKEN, queue, server, settings, somebody, studio, study, video
 from .client import Api
+from .test_watched_by_machines import names_on_the_dashboard, words
 from .workers import until
 
 __all__ = ["queue", "server", "settings", "somebody", "studio", "study"]
@@ -154,8 +155,11 @@ def test_the_queue_is_one_for_all_servers_and_measured_once(studio: Studio) -> N
     until(lambda: TaskQueue(studio.database).count(RENDER) == (2, 0), "both were asked for")
     with Api(create_app(studio=other)) as client:
         headers = {"Authorization": f"Bearer {TOKEN}"}
-        told = client.get("/metrics", headers=headers).text.splitlines()
+        client.get("/healthz")
+        text = client.get("/metrics", headers=headers).text
     other.close()
+    assert names_on_the_dashboard() <= set(words(text))
+    told = text.splitlines()
     assert 'pbpo_render_queue{state="waiting"} 2.0' in told
     assert 'pbpo_render_queue{state="running"} 0.0' in told
     assert "pbpo_workers 0.0" in told

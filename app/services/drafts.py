@@ -130,8 +130,11 @@ def mine(studio: Studio, caller: Experimenter) -> list[Draft]:
         return [_draft(studio, row) for row in rows]
 
 
-def find(studio: Studio, caller: Experimenter, public_id: str) -> Draft:
-    """The draft, if it is the caller's. Raises NotFoundError."""
+def find(studio: Studio, caller: Experimenter, public_id: str, *, whole: bool = True) -> Draft:
+    """The draft, if it is the caller's; unless not `whole`, its files have to be here as well.
+
+    Raises NotFoundError.
+    """
     with studio.database.read() as session:
         row = session.scalar(
             select(StudyDraft).where(
@@ -140,7 +143,14 @@ def find(studio: Studio, caller: Experimenter, public_id: str) -> Draft:
         )
     if row is None or not access.may_make_studies(caller):
         raise NotFoundError("there is no such study being made")
-    return _draft(studio, row)
+    draft = _draft(studio, row)
+    if whole and not draft.folder.is_dir():
+        # Of several servers each may have a data folder of its own.
+        raise NotFoundError(
+            "the files of this study are not in the data folder of the server that answers; it was"
+            " begun at another one, or they were lost"
+        )
+    return draft
 
 
 def files(draft: Draft) -> list[DraftFile]:

@@ -122,7 +122,7 @@ def transcode(public_id: str, studio: StudioDep, caller: SignedIn) -> Response:
 
 @router.post("/drafts/{public_id}/discard", dependencies=[OwnForm])
 def discard(public_id: str, studio: StudioDep, caller: SignedIn) -> Response:
-    drafts.discard(studio, drafts.find(studio, caller, public_id))
+    drafts.discard(studio, drafts.find(studio, caller, public_id, whole=False))
     return RedirectResponse("/studies", status_code=303)
 
 

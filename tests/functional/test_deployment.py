@@ -93,6 +93,13 @@ def test_caddy_sees_videos_and_nothing_else_of_the_studio(
     assert f"PBPO_MEDIA_DIR={mounted['app']['media']} " in dockerfile
 
 
+def test_what_is_uploaded_does_not_lie_in_memory(compose: dict[str, Any]) -> None:
+    app = compose["services"]["app"]
+    folder = app["environment"]["TMPDIR"]
+    assert folder in {volume.split(":")[1] for volume in app["volumes"]}
+    assert folder not in app["tmpfs"]
+
+
 def test_secrets_come_from_files_alone(compose: dict[str, Any], dockerfile: str) -> None:
     secret = {"PBPO_DATABASE_URL", "PBPO_METRICS_TOKEN", "POSTGRES_PASSWORD"}
     for service in compose["services"].values():

@@ -58,6 +58,18 @@ def test_a_zip_becomes_a_study_of_the_one_who_sent_it(
     assert (entry.actor, entry.action) == ("mo@lab.example", "study created")
 
 
+def test_files_that_are_at_another_server_are_said_to_be_and_can_be_given_up(
+    desk: Desk, studio: Studio, folder: Path
+) -> None:
+    here = desk.begin({"kettles.zip": zipped(folder)})
+    shutil.rmtree(studio.settings.uploads_dir)
+    for answer in (desk.get(here), desk.post(f"{here}/create"), desk.post(f"{here}/transcode")):
+        assert answer.status_code == 404
+        assert "begun at another one" in answer.text
+    assert desk.post(f"{here}/discard").status_code == 303
+    assert here not in desk.get("/studies").text
+
+
 def test_every_fault_is_named_at_once_with_file_row_expectation_and_what_came(
     desk: Desk, folder: Path, tmp_path: Path
 ) -> None:

@@ -15,6 +15,7 @@ from app.services.settings import Settings
 from app.services.studio import open_studio
 from tests.conftest import SHORT_PLAN, write_study
 
+from .forked import ForkedServer
 from .server import Server
 from .small_study import write_small_study
 
@@ -90,7 +91,7 @@ def server(tmp_path: Path, media_dir: Path) -> Iterator[Server]:
     studies.open_study(studio, "short")
     accounts.create(studio, EMAIL, PASSWORD)
     studio.close()
-    server = Server(data_dir, media_dir)
+    server = ForkedServer(data_dir, media_dir)
     server.start()
     yield server
     server.kill()
@@ -108,7 +109,7 @@ def serve(tmp_path: Path, media_dir: Path) -> Iterator[Callable[[str], Server]]:
         studies.create(studio, folder)
         studies.open_study(studio, folder.plan.slug)
         studio.close()
-        servers.append(Server(data_dir, media_dir))
+        servers.append(ForkedServer(data_dir, media_dir))
         servers[-1].start()
         return servers[-1]
 

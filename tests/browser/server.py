@@ -8,15 +8,17 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import IO
+from typing import IO, Protocol
 
 import httpx
 
 #: How long a server may take to answer its first request, on a busy machine.
 START_TIMEOUT_S = 60.0
+
+ROOT = Path(__file__).parents[2]
 
 
 def free_port() -> int:
@@ -24,6 +26,18 @@ def free_port() -> int:
         probe.bind(("127.0.0.1", 0))
         port: int = probe.getsockname()[1]
         return port
+
+
+class Process(Protocol):
+    """What a server needs of the process that it is; `subprocess.Popen` has it."""
+
+    pid: int
+
+    def poll(self) -> int | None: ...
+
+    def send_signal(self, number: int, /) -> None: ...
+
+    def wait(self, timeout: float | None = None) -> int: ...
 
 
 @dataclass
@@ -43,26 +57,22 @@ class Server:
     #: How far its clock is before the machine's, in hours.
     clock_ahead_h: float = 0.0
     port: int = field(default_factory=free_port)
-    process: subprocess.Popen[bytes] | None = None
+    process: Process | None = None
 
     @property
     def url(self) -> str:
         return f"http://127.0.0.1:{self.port}"
 
     def start(self) -> None:
-        self.process = subprocess.Popen(
-            [sys.executable, *self._program(), "serve", "--port", str(self.port), *self.more],
-            env={
-                "PATH": "/usr/bin:/bin",
-                "PBPO_DATA_DIR": str(self.data_dir),
-                "PBPO_MEDIA_DIR": str(self.media_dir),
-                "PBPO_DATABASE_URL": self.database_url,
-                **self.settings,
-            },
-            stdout=self.output,
-            stderr=self.output,
-            cwd=Path(__file__).parents[2],
-        )
+        words = [*self._program(), "serve", "--port", str(self.port), *self.more]
+        environment = {
+            "PATH": "/usr/bin:/bin",
+            "PBPO_DATA_DIR": str(self.data_dir),
+            "PBPO_MEDIA_DIR": str(self.media_dir),
+            "PBPO_DATABASE_URL": self.database_url,
+            **self.settings,
+        }
+        self.process = self._launched(words, environment)
         deadline = time.monotonic() + START_TIMEOUT_S
         while True:
             try:
@@ -73,10 +83,20 @@ class Server:
                     raise
                 time.sleep(0.05)
 
+    def _launched(self, words: Sequence[str], environment: Mapping[str, str]) -> Process:
+        """A process that runs these words: a module, and what it is told."""
+        return subprocess.Popen(
+            [sys.executable, "-m", *words],
+            env=environment,
+            stdout=self.output,
+            stderr=self.output,
+            cwd=ROOT,
+        )
+
     def _program(self) -> list[str]:
         if not self.clock_ahead_h:
-            return ["-m", "app.cli"]
-        return ["-m", "tests.browser.another_time", str(self.clock_ahead_h)]
+            return ["app.cli"]
+        return ["tests.browser.another_time", str(self.clock_ahead_h)]
 
     def kill(self) -> None:
         """As a power cut would: no warning, no last words."""

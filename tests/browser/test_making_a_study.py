@@ -17,6 +17,7 @@ from tests.functional.desk import zipped
 
 from .conftest import EMAIL, PASSWORD
 from .for_everyone import violations
+from .forked import ForkedServer
 from .server import Server
 from .small_study import SMALL_PLAN, write_small_study
 
@@ -35,7 +36,7 @@ def empty_server(tmp_path: Path, media_dir: Path) -> Iterator[Server]:
     studio = open_studio(Settings(data_dir=data_dir, media_dir=media_dir))
     accounts.create(studio, EMAIL, PASSWORD)
     studio.close()
-    server = Server(data_dir, media_dir)
+    server = ForkedServer(data_dir, media_dir)
     server.start()
     yield server
     server.kill()

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -59,18 +60,24 @@ class Entrance:
 
 
 def entrance(
-    studio: Studio, slug: str, language: str | None = None, *, entry: str | None = None
+    studio: Studio,
+    slug: str,
+    language: str | None = None,
+    *,
+    entry: str | None = None,
+    ids: Mapping[str, str] = MappingProxyType({}),
 ) -> Entrance:
     """The open study's consent. Raises NotFoundError, StudyNotOpenError, StudyFullError,
     TooManyBegunError or EntryLinkError.
 
-    entry: the token of a link that lets one person in, where the study wants one.
+    entry: the token of a link that lets one person in, where the study wants one. ids: what the
+    link says of the person.
     """
     study = studies.find(studio, slug)
     failures.remember(slug, study.plan)
     _require_open(study, LIVE)
     with studio.database.read() as session:
-        crowding.require(session, study, studio.settings.begun_per_hour, studio.now())
+        _require_no_crowd(studio, session, study, ids)
         places.require(session, study, LIVE, studio.now())
         entry_links.require_unused(session, study, entry)
     language = _language(study.plan, language)
@@ -141,7 +148,7 @@ def start(
         _require_open(study, mode, by_experimenter=by_experimenter)
         now = studio.now()
         if not by_experimenter:
-            crowding.require(session, study, studio.settings.begun_per_hour, now)
+            _require_no_crowd(studio, session, study, ids)
         if mode == LIVE:
             places.require(session, study, mode, now)
             entry_links.use(session, study, entry, now)
@@ -217,6 +224,14 @@ def _require_open(study: studies.StudyInfo, mode: str, *, by_experimenter: bool 
         raise StudyNotOpenError(f"the study {study.slug!r} {what}", is_draft=is_draft)
     if study.paused_at is not None:
         raise StudyPausedError(f"the study {study.slug!r} is paused and lets nobody in just now")
+
+
+def _require_no_crowd(
+    studio: Studio, session: Session, study: studies.StudyInfo, ids: Mapping[str, str]
+) -> None:
+    is_named = rules.person(study.plan.recruitment, ids) is not None
+    limit = studio.settings.begun_per_hour
+    crowding.require(session, study, limit, studio.now(), is_named=is_named)
 
 
 def _language(plan: Plan, wanted: str | None) -> str:

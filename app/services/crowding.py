@@ -2,7 +2,8 @@
 
 Anybody may begin one where a study is open to everybody, and each takes room. Addresses tell
 nothing: a laboratory's thirty people come by one, and a stranger by many. So what is counted is
-what only a stranger's program leaves behind in such numbers: sessions without an answer.
+what only a stranger's program leaves behind in such numbers: sessions without an answer. Whoever
+comes with a platform's id has as much room again, which those without one cannot take.
 """
 
 from __future__ import annotations
@@ -35,14 +36,21 @@ _EARLY = tuple(
 )
 
 
-def require(session: Session, study: StudyInfo, limit: int, now: datetime) -> None:
+def require(
+    session: Session, study: StudyInfo, limit: int, now: datetime, *, is_named: bool
+) -> None:
     """Raises TooManyBegunError if `limit` sessions began within the hour and answered nothing.
+
+    is_named: whether a platform's id came along, as it does with all whom the platform sends: twice
+    as many have to have begun then. Nobody can say whether an id is a true one.
 
     Deleted ones are counted by the day on which they were: nothing more is known of them. A study
     of single-use links has its own bound, which is how many links it gave out.
     """
     if entry_links.wanted(study.plan):
         return
+    if is_named:
+        limit *= 2
     # Deleting what was begun must not make room for more.
     left = limit - _deleted_today(session, study, now)
     oldest = None if left < 1 else _oldest(session, study, left, now)

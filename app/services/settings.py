@@ -97,7 +97,8 @@ class Settings(BaseSettings):
         Field(
             ge=1,
             description="Sessions of one study that may begin within an hour without an answer to"
-            " a pair. Beyond that newcomers are asked to come back later.",
+            " a pair; twice as many for who comes with a platform's id. Beyond that newcomers are"
+            " asked to come back later.",
         ),
     ] = 2000
 

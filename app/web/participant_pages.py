@@ -106,14 +106,16 @@ def _enter(
     if _is_barred(studio, after):
         return to_stage(slug)
     entry = request.query_params.get(ENTRY)
+    ids = recruitment.ids_in_link(studio, slug, request.query_params)
+    language = _language(request, slug, studio)
     try:
-        entrance = admission.entrance(studio, slug, _language(request, slug, studio), entry=entry)
+        entrance = admission.entrance(studio, slug, language, entry=entry, ids=ids)
         if version != entrance.consent["version"]:
             return to_stage(slug, request.url.query)
         token, _ = admission.start(
             studio,
             slug,
-            external_ids=recruitment.ids_in_link(studio, slug, request.query_params),
+            external_ids=ids,
             language=entrance.language,
             entry=entry,
             after=after,
@@ -227,8 +229,10 @@ def _entrance(
 ) -> Response:
     """A newcomer's first page: the welcome if the study has one, and then the consent."""
     language = _language(request, slug, studio)
+    entry = request.query_params.get(ENTRY)
+    ids = recruitment.ids_in_link(studio, slug, request.query_params)
     try:
-        entrance = admission.entrance(studio, slug, language, entry=request.query_params.get(ENTRY))
+        entrance = admission.entrance(studio, slug, language, entry=entry, ids=ids)
     except EntryLinkError as error:
         return turned_away.no_entry(request, slug, studio, error)
     except TooManyBegunError as error:

@@ -104,6 +104,37 @@ def test_single_use_links_are_their_own_bound(
     assert rows(studio, SessionRow) == 4
 
 
+PROLIFIC = "recruitment: {platform: prolific, codes: {completed: C1}}\n"
+
+
+def test_a_flood_at_the_open_door_keeps_out_nobody_whom_a_platform_sends(
+    client: Api, studio: Studio, recruit: Recruit
+) -> None:
+    recruit(PROLIFIC)
+    for _ in range(3):
+        client.start()
+    assert client.post(SESSIONS, json={}).status_code == 429
+    # What is no id of the platform's opens no door.
+    assert client.post(SESSIONS, json={"external_ids": {"STUDY_ID": "s"}}).status_code == 429
+    assert heading(client.get("/s/short?STUDY_ID=s")) == CROWDED
+    link = "/s/short?PROLIFIC_PID=5f0c"
+    page = client.get(link)
+    assert heading(page) == CONSENT
+    path = "/s/short/consent?PROLIFIC_PID=5f0c"
+    agreed = client.post(path, data={"version": version(page)})
+    assert (agreed.status_code, agreed.headers["location"]) == (303, "/s/short")
+    assert rows(studio, SessionRow) == 4
+
+
+def test_a_flood_of_made_up_ids_ends_as_well(client: Api, studio: Studio, recruit: Recruit) -> None:
+    recruit(PROLIFIC)
+    for number in range(6):
+        client.start(external_ids={"PROLIFIC_PID": f"5f{number}"})
+    body = {"external_ids": {"PROLIFIC_PID": "5f9"}}
+    assert client.post(SESSIONS, json=body).status_code == 429
+    assert heading(client.get("/s/short?PROLIFIC_PID=5f9")) == CROWDED
+
+
 def test_sessions_that_never_came_to_consent_are_gone_after_a_day(
     client: Api, studio: Studio, short_study: StudyInfo, clock: Clock
 ) -> None:

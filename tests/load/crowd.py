@@ -147,20 +147,18 @@ class Evaluator:
         return state
 
     async def _look_ahead(self, query: State) -> None:
-        known = query["prefetch"]
-        await self._fetch(known)
+        coming = query["prefetch"]
+        await self._fetch(coming)
         for seconds in ASK_AHEAD_S:
+            if coming:
+                return
             await asyncio.sleep(seconds)
             with suppress(RefusedError):
                 now = await self._api("GET", "/api/v1/session", None)
                 if now["stage"] != "query" or now["query"]["id"] != query["id"]:
                     return
-                fresh = now["query"]["prefetch"]
-                await self._fetch(fresh)
-                everything = 2 * (3 if query["skip"] else 2)
-                if len(fresh) == everything or (fresh and fresh == known):
-                    return
-                known = fresh
+                coming = now["query"]["prefetch"]
+                await self._fetch(coming)
 
     async def _watch(self, urls: Sequence[str]) -> None:
         """The pair itself; what was not fetched ahead is played by ranges."""
@@ -182,7 +180,9 @@ class Evaluator:
                 async with self._http.get(url, headers=headers) as answer:
                     self._count(answer.status)
                     if answer.status not in (200, 206):
-                        self._log.fault(f"{answer.status} for a video")
+                        # A video that cannot be had just now is asked for again.
+                        if answer.status != 503 or not self._habits.patient:
+                            self._log.fault(f"{answer.status} for a video")
                         return
                     first = await answer.content.readany()
                     self._log.video_s.append(time.monotonic() - began)

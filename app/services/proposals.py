@@ -7,8 +7,6 @@ out again anywhere: nothing here needs to be kept.
 
 from __future__ import annotations
 
-import threading
-from collections import OrderedDict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -24,11 +22,9 @@ from app.study.checks import Checks
 
 from .background import Background
 from .beliefs import Beliefs
+from .foreseen import Foreseen
 from .measurements import Measurements
-from .thoughts import AcquiredCandidate, Elsewhere, History, Question, Thought, think
-
-#: Steps kept in memory: three for each of a thousand evaluators.
-AHEAD_STEPS = 3_000
+from .thoughts import AcquiredCandidate, Elsewhere, History, Question, Thought, think, think_all
 
 #: Tells the draw of recordings apart from every other use of a trial's seed.
 _RECORDING_DRAW = 101
@@ -126,16 +122,11 @@ class Proposer:
         self._background = background
         self._render = render
         self._measurements = measurements
-        self._lock = threading.Lock()
         self._spaces: dict[tuple[int, str], Space] = {}
-        self._steps: OrderedDict[tuple[int, History], Step] = OrderedDict()
-        #: Each trial's number of answers, where it was last seen.
-        self._open: OrderedDict[int, int] = OrderedDict()
+        self._foreseen: Foreseen[Step] = Foreseen()
         self._elsewhere = Elsewhere()
         #: What models believe, for those who look at a session.
         self.beliefs = Beliefs()
-        # Trials whose person had them deleted: work that is under way must not bring them back.
-        self._forgotten: set[int] = set()
 
     def space(self, study_id: int, environment: str) -> Space:
         """The candidates and clips of a study's environment; they never change."""
@@ -147,42 +138,32 @@ class Proposer:
 
     def step(self, trial: TrialInHand, history: History) -> Step:
         """What follows `history`: from what was worked out ahead, or worked out now."""
-        return self._step(trial, history, think)
+        step = self.known(trial, history)
+        if step is None:
+            [step] = self._work_out(trial, [history], think_all)
+        return step
 
     def forget(self, seeds: frozenset[int]) -> None:
         """Forget the trials of these seeds: their histories were deleted."""
-        with self._lock:
-            self._forgotten |= seeds
         self.beliefs.forget(seeds)
-        self.drop(seeds)
+        self._foreseen.forget(seeds)
 
     def remembered(self) -> frozenset[int]:
         """The seeds of all trials that anything is remembered of."""
-        with self._lock:
-            seeds = {seed for seed, _ in self._steps} | self._open.keys()
-        return self.beliefs.remembered() | seeds
+        return self.beliefs.remembered() | self._foreseen.seeds()
 
     def drop(self, seeds: frozenset[int]) -> None:
         """Throw away what is remembered of these trials; what is asked for is worked out again."""
         self.beliefs.drop(seeds)
-        with self._lock:
-            for seed in seeds:
-                self._open.pop(seed, None)
-            for key in [key for key in self._steps if key[0] in seeds]:
-                del self._steps[key]
+        self._foreseen.drop(seeds)
 
     def known(self, trial: TrialInHand, history: History) -> Step | None:
         """What follows `history`, if it is worked out already."""
-        with self._lock:
-            return self._steps.get((trial.seed, history))
+        return self._foreseen.after(trial.seed, [history])[0]
 
     def work_ahead(self, trial: TrialInHand, history: History, pair: tuple[int, int]) -> None:
         """Begin to work out what follows each possible response to the open query `pair`."""
-        with self._lock:
-            self._open[trial.seed] = len(history)
-            self._open.move_to_end(trial.seed)
-            while len(self._open) > AHEAD_STEPS:
-                self._open.popitem(last=False)
+        self._foreseen.go_on(trial.seed, len(history))
         self._background.in_thread(
             ("ahead", trial.seed, len(history), pair), self._work_ahead, trial, history, pair
         )
@@ -190,10 +171,8 @@ class Proposer:
     def upcoming(
         self, trial: TrialInHand, history: History, pair: tuple[int, int]
     ) -> list[NextQuery]:
-        """The next queries that are worked out already, the likeliest first."""
-        futures = self._futures(trial, history, pair)
-        with self._lock:
-            steps = [self._steps.get((trial.seed, after)) for after in futures]
+        """The next queries, the likeliest first: all, or none as long as they are worked out."""
+        steps = self._foreseen.after(trial.seed, self._futures(trial, history, pair))
         return [step.next for step in steps if step is not None and step.next is not None]
 
     def close(self) -> None:
@@ -208,8 +187,7 @@ class Proposer:
         self, trial: TrialInHand, history: History, pair: tuple[int, int]
     ) -> list[History]:
         """What the history may be after the open query, the likeliest first."""
-        with self._lock:
-            step = self._steps.get((trial.seed, history))
+        step = self.known(trial, history)
         likelier = step.next.likelier if step is not None and step.next is not None else "left"
         responses = ["left", "right"] if likelier == "left" else ["right", "left"]
         if allows_skip(trial.method):
@@ -217,31 +195,30 @@ class Proposer:
         return [(*history, (*pair, response)) for response in responses]
 
     def _work_ahead(self, trial: TrialInHand, history: History, pair: tuple[int, int]) -> None:
-        for after in self._futures(trial, history, pair):
-            with self._lock:
-                if self._open.get(trial.seed) != len(history):
-                    # It was answered meanwhile: on a busy machine that time is somebody else's.
-                    return
-            step = self._step(trial, after, self._elsewhere.think)
-            if step.next is not None:
-                self.render([step.next.left, step.next.right])
+        if self._foreseen.stands_at(trial.seed) != len(history):
+            # It was answered meanwhile: on a busy machine that time is somebody else's.
+            return
+        futures = self._futures(trial, history, pair)
+        known = self._foreseen.after(trial.seed, futures)
+        missing = [after for after, step in zip(futures, known, strict=True) if step is None]
+        if missing:
+            for step in self._work_out(trial, missing, self._elsewhere.think):
+                if step.next is not None:
+                    self.render([step.next.left, step.next.right])
 
-    def _step(
-        self, trial: TrialInHand, history: History, thinks: Callable[[Question], Thought]
-    ) -> Step:
-        key = (trial.seed, history)
-        with self._lock:
-            step = self._steps.get(key)
-        if step is None:
-            space = self.space(trial.study_id, trial.environment)
-            with self._measurements.fitting():
-                step = _step(space, trial, thinks(_question(space, trial, history)))
-            with self._lock:
-                if trial.seed not in self._forgotten:
-                    self._steps[key] = step
-                while len(self._steps) > AHEAD_STEPS:
-                    self._steps.popitem(last=False)
-        return step
+    def _work_out(
+        self,
+        trial: TrialInHand,
+        histories: Sequence[History],
+        thinks: Callable[[Sequence[Question]], list[Thought]],
+    ) -> list[Step]:
+        """The steps after these histories, which are kept from now on."""
+        space = self.space(trial.study_id, trial.environment)
+        with self._measurements.fitting(len(histories)):
+            thoughts = thinks([_question(space, trial, history) for history in histories])
+        steps = [_step(space, trial, thought) for thought in thoughts]
+        self._foreseen.tell(trial.seed, dict(zip(histories, steps, strict=True)))
+        return steps
 
 
 def work_out(space: Space, trial: TrialInHand, history: History) -> Step:

@@ -320,23 +320,18 @@ async function lookAhead(mine) {
   if (mine !== turn) {
     return;
   }
-  preloader.want(query.prefetch);
-  let known = query.prefetch;
+  let coming = query.prefetch;
+  preloader.want(coming);
   for (const seconds of ASK_AHEAD_S) {
+    if (coming.length > 0) {
+      return; // what may come next is worked out all at once
+    }
     await pause(seconds);
     if (mine !== turn || sending) {
       return;
     }
-    const fresh = await look(mine);
-    if (!fresh) {
-      continue;
-    }
-    preloader.want(fresh);
-    const everything = 2 * (query.skip ? 3 : 2); // two videos for each possible response
-    if (fresh.length === everything || (fresh.length > 0 && fresh.join() === known.join())) {
-      return; // all, or twice the same: the server has worked everything out
-    }
-    known = fresh;
+    coming = (await look(mine)) ?? [];
+    preloader.want(coming);
   }
 }
 

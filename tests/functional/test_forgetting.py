@@ -39,10 +39,8 @@ def person(client: Api, learning_study: StudyInfo) -> Session:
 
 
 def histories(studio: Studio) -> dict[int, list[History]]:
-    found: dict[int, list[History]] = {}
-    for seed, history in studio.proposer._steps:
-        found.setdefault(seed, []).append(history)
-    return found
+    kept = studio.proposer._foreseen._trials
+    return {seed: list(trial.after) for seed, trial in kept.items()}
 
 
 def delete_elsewhere(elsewhere: Studio, person: Session) -> None:
@@ -53,7 +51,7 @@ def test_what_was_deleted_elsewhere_is_forgotten_and_nothing_else(
     client: Api, studio: Studio, elsewhere: Studio, person: Session
 ) -> None:
     # The trial in hand; its belief too, as somebody has looked at it.
-    (seed,) = studio.proposer._open
+    (seed,) = studio.proposer.remembered()
     points = np.linspace(0, 1, 9)[:, None]
     studio.proposer.beliefs.after(points, "pbpo", {}, seed, ((0, 1, "left"),))
     another = client.start().to_first_query()
@@ -73,7 +71,7 @@ def test_what_was_deleted_elsewhere_is_forgotten_and_nothing_else(
 def test_what_was_under_way_meanwhile_is_forgotten_the_next_time(
     studio: Studio, elsewhere: Studio, person: Session, learning_study: StudyInfo
 ) -> None:
-    (seed,) = studio.proposer._open
+    (seed,) = studio.proposer.remembered()
     delete_elsewhere(elsewhere, person)
     forgetting.forget_deleted(studio)
     trial = TrialInHand(learning_study.id, "env1", "pbpo", {"preset": "paper-env1"}, seed, 5)
@@ -90,7 +88,7 @@ def test_a_trial_that_is_just_beginning_loses_nothing_for_good(
     # The first pair is worked out, and its trial not stored yet.
     assert forgetting.forget_deleted(studio) == 1
     session.to_first_query().respond("left")
-    assert any(history for _, history in studio.proposer._steps)
+    assert any(map(any, histories(studio).values()))
 
 
 def test_a_server_forgets_by_itself_as_long_as_it_runs(

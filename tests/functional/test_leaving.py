@@ -119,10 +119,9 @@ def test_nothing_of_the_person_is_left_in_the_files_of_the_database(
 
 
 def test_what_was_worked_out_from_the_answers_is_forgotten(studio: Studio, person: Session) -> None:
-    kept = studio.proposer._steps
-    assert any(history for _, history in kept)
+    assert studio.proposer.remembered()
     person.call("withdraw", {"delete": True})
-    assert not any(history for _, history in kept)
+    assert not studio.proposer.remembered()
 
 
 def test_work_under_way_does_not_bring_a_deleted_trial_back(
@@ -138,7 +137,7 @@ def test_work_under_way_does_not_bring_a_deleted_trial_back(
     )
     studio.proposer.forget(frozenset({7}))
     studio.proposer.step(trial, ((0, 1, "left"),))
-    assert not studio.proposer._steps
+    assert not studio.proposer.remembered()
 
 
 @pytest.mark.parametrize("stage", ["consent", "familiarisation", "break", "completed", "withdrawn"])

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from app.services import proposals, thoughts
+from app.services import foreseen, thoughts
 from app.services.background import Background
 from app.services.in_process import InProcess
 from app.services.proposals import Clip, Proposer, Space, TrialInHand, work_out
@@ -92,7 +92,7 @@ class Counted:
             self.times += 1
             return real(*args)  # type: ignore[arg-type]
 
-        monkeypatch.setattr(proposals, "think", counting)
+        monkeypatch.setattr(thoughts, "think", counting)
 
 
 @pytest.fixture
@@ -110,7 +110,7 @@ def test_a_step_is_worked_out_once(proposer: Proposer, monkeypatch: pytest.Monke
 def test_what_was_worked_out_long_ago_is_forgotten_and_worked_out_alike(
     proposer: Proposer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(proposals, "AHEAD_STEPS", 2)
+    monkeypatch.setattr(foreseen, "KEPT", 2)
     first = proposer.step(TRIAL, ())
     for seed in (6, 7):
         proposer.step(replace(TRIAL, seed=seed), ())

@@ -37,8 +37,8 @@ def test_the_same_is_thought_here_and_elsewhere_also_after_a_killed_process(
 ) -> None:
     here = think(QUESTION)
     before = workers()
-    assert elsewhere.think(QUESTION) == here
+    assert elsewhere.think([QUESTION]) == [here]
     (process,) = workers() - before
     process.kill()
     process.wait(10)
-    assert elsewhere.think(QUESTION) == here
+    assert elsewhere.think([QUESTION]) == [here]

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from typing import Any
 
-from sqlalchemy import delete, func, select
+from sqlalchemy import delete, func, insert, select
 from sqlalchemy.orm import Session
 
 from app.crane import environments as crane_environments
@@ -134,9 +134,7 @@ def create(
         )
         session.add_all([study, version])
         session.flush()
-        for candidate in places:
-            candidate.study_id = study.id
-        session.add_all(places)
+        _store(session, study.id, places)
         session.add_all(
             StudyAccess(study_id=study.id, account_id=account_id, access=tie, created_at=now)
             for account_id, tie in ties.items()
@@ -290,7 +288,30 @@ def _info(study: Study, version: PlanVersion) -> StudyInfo:
     )
 
 
-def _candidates(folder: study_folder.StudyFolder) -> Iterator[Candidate]:
+@dataclass(frozen=True)
+class _Place:
+    """A candidate and its recordings, as the columns of their rows: there may be thousands."""
+
+    candidate: Mapping[str, Any]
+    recordings: list[dict[str, Any]]
+
+
+def _store(session: Session, study_id: int, places: Sequence[_Place]) -> None:
+    ids = session.scalars(
+        insert(Candidate).returning(Candidate.id, sort_by_parameter_order=True),
+        [{"study_id": study_id, **place.candidate} for place in places],
+    )
+    session.execute(
+        insert(Recording),
+        [
+            {"candidate_id": candidate_id, "public_id": new_public_id(), **recording}
+            for candidate_id, place in zip(ids, places, strict=True)
+            for recording in place.recordings
+        ],
+    )
+
+
+def _candidates(folder: study_folder.StudyFolder) -> Iterator[_Place]:
     for name, environment in folder.plan.environments.items():
         if environment.source == recordings.CRANE:
             yield from _crane_candidates(name)
@@ -298,49 +319,53 @@ def _candidates(folder: study_folder.StudyFolder) -> Iterator[Candidate]:
             yield from _file_candidates(folder, name)
 
 
-def _crane_candidates(environment: str) -> Iterator[Candidate]:
+def _crane_candidates(environment: str) -> Iterator[_Place]:
     scores = library.scores(environment)  # (231, 5)
     for index, values in enumerate(crane_environments.candidates()):
-        yield Candidate(
-            environment=environment,
-            candidate_index=index,
-            parameters=dict(zip(CRANE_PARAMETERS, map(float, values), strict=True)),
-            recordings=[
-                Recording(
-                    run_index=run,
-                    public_id=new_public_id(),
-                    source=recordings.CRANE,
-                    locator=recordings.crane_locator(environment, index, run),
-                    duration_s=DURATION_S,
-                    score=float(scores[index, run]),
-                )
+        yield _Place(
+            {
+                "environment": environment,
+                "candidate_index": index,
+                "parameters": dict(zip(CRANE_PARAMETERS, map(float, values), strict=True)),
+            },
+            [
+                {
+                    "run_index": run,
+                    "source": recordings.CRANE,
+                    "locator": recordings.crane_locator(environment, index, run),
+                    "file": None,
+                    "duration_s": DURATION_S,
+                    "score": float(scores[index, run]),
+                }
                 for run in range(scores.shape[1])
             ],
         )
 
 
-def _file_candidates(folder: study_folder.StudyFolder, environment: str) -> Iterator[Candidate]:
+def _file_candidates(folder: study_folder.StudyFolder, environment: str) -> Iterator[_Place]:
     names = [parameter.name for parameter in folder.plan.parameters]
-    found: dict[tuple[float, ...], Candidate] = {}
+    found: dict[tuple[float, ...], _Place] = {}
     for row in folder.recordings:
         if row.environment != environment:
             continue
-        candidate = found.get(row.candidate)
-        if candidate is None:
-            candidate = found[row.candidate] = Candidate(
-                environment=environment,
-                candidate_index=len(found),
-                parameters=dict(zip(names, row.candidate, strict=True)),
+        place = found.get(row.candidate)
+        if place is None:
+            place = found[row.candidate] = _Place(
+                {
+                    "environment": environment,
+                    "candidate_index": len(found),
+                    "parameters": dict(zip(names, row.candidate, strict=True)),
+                },
+                [],
             )
-        candidate.recordings.append(
-            Recording(
-                run_index=len(candidate.recordings),
-                public_id=new_public_id(),
-                source=recordings.FILE,
-                locator=recordings.file_locator(row.file, row.sha256),
-                file=row.file,
-                duration_s=row.duration_s,
-                score=row.score,
-            )
+        place.recordings.append(
+            {
+                "run_index": len(place.recordings),
+                "source": recordings.FILE,
+                "locator": recordings.file_locator(row.file, row.sha256),
+                "file": row.file,
+                "duration_s": row.duration_s,
+                "score": row.score,
+            }
         )
     yield from found.values()

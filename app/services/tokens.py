@@ -15,6 +15,9 @@ _SECRET = re.compile(r"[A-Za-z0-9_-]{43}")
 
 _LETTERS_AND_DIGITS = string.ascii_letters + string.digits
 
+#: 62^22 is over 2^130.
+_PUBLIC_ID_LETTERS = 22
+
 #: Enough that guessing is hopeless without a limit on tries: 28^16 is over 2^76.
 _RECEIPT_LETTERS = 16
 
@@ -48,7 +51,18 @@ def new_public_id() -> str:
 
     Letters and digits alone: one that began with a dash would look like a formula in an export.
     """
-    return "".join(secrets.choice(_LETTERS_AND_DIGITS) for _ in range(22))
+    # One number rather than 22: a study has thousands of recordings.
+    number = secrets.randbelow(len(_LETTERS_AND_DIGITS) ** _PUBLIC_ID_LETTERS)
+    return _spelt(number, _LETTERS_AND_DIGITS, _PUBLIC_ID_LETTERS)
+
+
+def _spelt(number: int, alphabet: str, length: int) -> str:
+    """The last so many digits of a number whose digits are these letters, the last one first."""
+    letters = ""
+    for _ in range(length):
+        number, place = divmod(number, len(alphabet))
+        letters += alphabet[place]
+    return letters
 
 
 def receipt_code(token: str) -> str:
@@ -58,10 +72,7 @@ def receipt_code(token: str) -> str:
     nobody keeps it: of the code, as of the token, only a hash is stored.
     """
     number = int.from_bytes(hashlib.sha256(f"receipt:{token}".encode()).digest(), "big")
-    letters = ""
-    for _ in range(_RECEIPT_LETTERS):
-        number, place = divmod(number, len(_ALPHABET))
-        letters += _ALPHABET[place]
+    letters = _spelt(number, _ALPHABET, _RECEIPT_LETTERS)
     return "-".join(letters[start : start + 4] for start in range(0, _RECEIPT_LETTERS, 4))
 
 

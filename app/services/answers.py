@@ -14,6 +14,7 @@ from sqlalchemy import bindparam, func, select
 from sqlalchemy.orm import Session
 
 from app.pbbo import allows_skip
+from app.storage.insertion import insert_rows
 from app.storage.tables import Acquired, PreferenceRow, QueryRow, Response, SessionRow
 from app.study import protocol
 from app.study.protocol import Stage
@@ -115,7 +116,8 @@ def _take(
         _store_lessons(session, query, step, lessons(trial, record))
     if row.stage == Stage.QUERY and row.trial_index == query.trial.trial_index:
         assert coming is not None
-        session.add(trials.query_row(coming, now, trial_id=query.trial_id))
+        asked_next = trials.query_columns(coming, now, trial_id=query.trial_id)
+        insert_rows(session, QueryRow, [asked_next])
     else:
         query.trial.ended_at = now
         trials.arrive(studio, session, row)
@@ -132,12 +134,15 @@ def _move_on(
 ) -> None:
     # Raises if another query is the open one: nothing has been written yet.
     sessions.advance(studio, row, protocol.Responded(query_index=query.query_index, at=now))
-    query.response = Response(
-        response=answer.response,
-        skip_reason=answer.skip_reason,
-        rt_ms=answer.rt_ms,
-        answered_at=now,
-    )
+    given = {
+        "query_id": query.id,
+        "response": answer.response,
+        "skip_reason": answer.skip_reason,
+        "rt_ms": answer.rt_ms,
+        "answered_at": now,
+    }
+    insert_rows(session, Response, [given])
+    session.expire(query, ["response"])
     queries.store_events(session, row, query, answer.happenings)
 
 
@@ -249,29 +254,30 @@ def _store_lessons(session: Session, query: QueryRow, step: Step, taught: Record
     The optimiser numbers the queries that it learnt from, `taught`; the trial numbers its places.
     """
     known = session.scalar(_PREFERENCES, {"trial_id": query.trial_id})
+    preferences = []
     for index, preference in enumerate(step.preferences[known:], start=known or 0):
         drawn = preference.drawn_from_query_index
-        session.add(
-            PreferenceRow(
-                trial_id=query.trial_id,
-                preference_index=index,
-                winner=preference.winner,
-                loser=preference.loser,
-                origin=preference.origin,
-                query_index=taught[preference.query_index].query_index,
-                drawn_from_query_index=None if drawn is None else taught[drawn].query_index,
-            )
+        preferences.append(
+            {
+                "trial_id": query.trial_id,
+                "preference_index": index,
+                "winner": preference.winner,
+                "loser": preference.loser,
+                "origin": preference.origin,
+                "query_index": taught[preference.query_index].query_index,
+                "drawn_from_query_index": None if drawn is None else taught[drawn].query_index,
+            }
         )
+    insert_rows(session, PreferenceRow, preferences)
     if step.acquired is not None:
-        session.add(
-            Acquired(
-                trial_id=query.trial_id,
-                query_index=query.query_index,
-                candidate=step.acquired.candidate,
-                posterior_mean=step.acquired.mean,
-                posterior_std=step.acquired.std,
-            )
-        )
+        acquired = {
+            "trial_id": query.trial_id,
+            "query_index": query.query_index,
+            "candidate": step.acquired.candidate,
+            "posterior_mean": step.acquired.mean,
+            "posterior_std": step.acquired.std,
+        }
+        insert_rows(session, Acquired, [acquired])
 
 
 #: Made once: it is asked with every response.

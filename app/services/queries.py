@@ -10,6 +10,7 @@ import numpy as np
 from sqlalchemy import Select, bindparam, func, select
 from sqlalchemy.orm import Session, contains_eager, joinedload
 
+from app.storage.insertion import insert_rows
 from app.storage.tables import Event, QueryRow, Response, SessionRow, Trial, UndoneResponse
 from app.study import protocol
 from app.study.protocol import ANSWERED, Stage
@@ -100,18 +101,19 @@ def read_attempts(session: Session, query: QueryRow) -> Record:
 def store_events(
     session: Session, row: SessionRow, query: QueryRow, happenings: Iterable[Happening]
 ) -> None:
-    session.add_all(
-        Event(
-            session_id=row.id,
-            trial_index=query.trial.trial_index,
-            query_index=query.query_index,
-            event=happening.event,
-            side=happening.side,
-            time_ms=happening.time_ms,
-            value=happening.value,
-        )
+    seen = [
+        {
+            "session_id": row.id,
+            "trial_index": query.trial.trial_index,
+            "query_index": query.query_index,
+            "event": happening.event,
+            "side": happening.side,
+            "time_ms": happening.time_ms,
+            "value": happening.value,
+        }
         for happening in happenings
-    )
+    ]
+    insert_rows(session, Event, seen)
 
 
 def close_events(session: Session, row: SessionRow, query: QueryRow, why: str) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from datetime import datetime
+from typing import Any
 
 from sqlalchemy.orm import Session
 
@@ -90,20 +91,27 @@ def first_query(studio: Studio, row: SessionRow) -> NextQuery:
 def query_row(
     following: NextQuery, now: datetime, trial_id: int | None = None, attempt: int = 0
 ) -> QueryRow:
-    return QueryRow(
-        trial_id=trial_id,
-        public_id=new_public_id(),
-        query_index=following.query_index,
-        attempt=attempt,
-        trial_type=following.trial_type,
-        left_candidate=following.left_candidate,
-        right_candidate=following.right_candidate,
-        left_recording_id=following.left.id,
-        right_recording_id=following.right.id,
-        acquisition=following.acquisition,
-        seed=following.seed,
-        engine_version=following.engine_version,
-        repeats_query_index=following.repeats,
-        created_at=now,
-        shown_at=now,
-    )
+    return QueryRow(**query_columns(following, now, trial_id, attempt))
+
+
+def query_columns(
+    following: NextQuery, now: datetime, trial_id: int | None = None, attempt: int = 0
+) -> dict[str, Any]:
+    """A query, to be stored before it is shown."""
+    return {
+        "trial_id": trial_id,
+        "public_id": new_public_id(),
+        "query_index": following.query_index,
+        "attempt": attempt,
+        "trial_type": following.trial_type,
+        "left_candidate": following.left_candidate,
+        "right_candidate": following.right_candidate,
+        "left_recording_id": following.left.id,
+        "right_recording_id": following.right.id,
+        "acquisition": following.acquisition,
+        "seed": following.seed,
+        "engine_version": following.engine_version,
+        "repeats_query_index": following.repeats,
+        "created_at": now,
+        "shown_at": now,
+    }

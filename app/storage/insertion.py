@@ -1,0 +1,17 @@
+"""Rows that are written and not looked at again: several times quicker than as objects."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, cast
+
+from sqlalchemy import Table
+from sqlalchemy.orm import Session
+
+from .tables import Base
+
+
+def insert_rows(session: Session, of: type[Base], rows: Sequence[Mapping[str, Any]]) -> None:
+    """Insert these rows, each by its columns, now. Objects in the session learn nothing of it."""
+    if rows:
+        session.execute(cast(Table, of.__table__).insert(), rows)

@@ -50,7 +50,7 @@ class Caddy(Proxy):
             "PBPO_APP_PORT": port,
             "PBPO_VIDEOS_ABOVE": str(above),
             # Its own port for commands may be taken by another one.
-            "CADDY_ADMIN": f"unix/{folder}/admin.sock",
+            "CADDY_ADMIN": f"127.0.0.1:{_free_port()}",
             "XDG_CONFIG_HOME": str(folder),
             "XDG_DATA_HOME": str(folder),
         }

@@ -18,8 +18,8 @@ from app.services.recordings import Source
 from app.services.stores.store import KEPT, Errand, Link, form_of
 from app.services.studio import Studio
 
+from . import video_file
 from .security import StudioDep
-from .video_file import VideoFile
 
 router = APIRouter(tags=["media"])
 
@@ -51,7 +51,7 @@ async def recording(public_id: str, request: Request, studio: StudioDep) -> Resp
         # No body: the proxy puts the file in its place, or the part that was asked for.
         sent_by_proxy = {TO_PROXY: place.address, **headers}
         return Response(media_type=form_of(place.address), headers=sent_by_proxy)
-    return VideoFile(place, media_type=form_of(place.name), headers=headers)
+    return await run_in_threadpool(video_file.answer, place, request, headers)
 
 
 def _begun(studio: Studio, public_id: str) -> tuple[Source, Future[Any]]:

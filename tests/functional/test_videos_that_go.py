@@ -68,8 +68,15 @@ def refused(answer: httpx.Response) -> str:
     return str(answer.json()["detail"])
 
 
-@pytest.mark.parametrize("asked", [{}, {"Range": "bytes=0-"}, {"Range": "bytes=1-2,5-9"}])
-@pytest.mark.parametrize("moment", ["before it is looked at", "before it is opened"])
+@pytest.mark.parametrize(
+    ("asked", "moment"),
+    [
+        ({}, "before it is looked at"),
+        ({"Range": "bytes=0-"}, "before it is looked at"),
+        ({"Range": "bytes=1-2,5-9"}, "before it is looked at"),
+        ({"Range": "bytes=1-2,5-9"}, "before it is opened"),
+    ],
+)
 def test_a_file_that_goes_is_said_to_be_away_and_then_to_be_missing(
     client: Api,
     studio: Studio,

@@ -27,7 +27,7 @@ from tests.s3_server import BUCKET, KEY, SECRET, S3Server
 
 from .own_study import write_own_study
 from .served import Served
-from .test_killed import Browser, State
+from .test_killed import CHECKED, Browser, State
 from .test_leaving import rows_of_people
 from .workers import Worker
 
@@ -142,7 +142,9 @@ def test_one_response_to_both_servers_at_once_is_stored_once(machines: Machines)
     def send(url: str, token: str, body: State) -> httpx.Response:
         both.wait(timeout=30)
         headers = {"Authorization": f"Bearer {token}"}
-        return httpx.post(f"{url}/api/v1/session/responses", json=body, headers=headers)
+        return httpx.post(
+            f"{url}/api/v1/session/responses", json=body, headers=headers, verify=CHECKED
+        )
 
     with ThreadPoolExecutor(2) as threads:
         for number in (1, 2, 3):
@@ -181,6 +183,8 @@ def test_what_was_deleted_at_one_server_is_gone_at_the_other(machines: Machines)
 
     headers = {"Authorization": f"Bearer {person.token}"}
     for url in (two, one):
-        assert httpx.get(f"{url}/api/v1/session", headers=headers).status_code == 401
+        assert (
+            httpx.get(f"{url}/api/v1/session", headers=headers, verify=CHECKED).status_code == 401
+        )
         assert person.send(url, "responses", body) == 401
     assert rows_of_people(machines.studio) == after

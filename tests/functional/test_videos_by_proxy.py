@@ -75,6 +75,12 @@ def behind(tmp_path_factory: pytest.TempPathFactory, media_dir: Path) -> Iterato
             yield replace(behind, url=server.url)
 
 
+@pytest.fixture(scope="module")
+def browser() -> Iterator[httpx.Client]:
+    with httpx.Client() as client:
+        yield client
+
+
 @pytest.fixture(scope="module", params=[Caddy, Nginx])
 def proxy(request: pytest.FixtureRequest, behind: Behind) -> Iterator[Proxy]:
     begun: Proxy = request.param(behind.url, behind.seen, behind.folder / request.param.__name__)
@@ -82,9 +88,11 @@ def proxy(request: pytest.FixtureRequest, behind: Behind) -> Iterator[Proxy]:
         yield begun
 
 
-def test_the_server_says_where_a_video_is_and_sends_none(behind: Behind) -> None:
+def test_the_server_says_where_a_video_is_and_sends_none(
+    behind: Behind, browser: httpx.Client
+) -> None:
     for video, file in behind.files.items():
-        answer = httpx.get(f"{behind.url}/media/{video}.mp4")
+        answer = browser.get(f"{behind.url}/media/{video}.mp4")
         assert answer.status_code == 200
         if video == behind.odd:
             assert TO_PROXY not in answer.headers
@@ -93,13 +101,15 @@ def test_the_server_says_where_a_video_is_and_sends_none(behind: Behind) -> None
             kind = OWN_AT_PROXY if file.parent.name == "own" else RENDERED_AT_PROXY
             assert answer.headers[TO_PROXY] == f"{kind}/{file.name}"
             assert answer.content == b""
-    assert httpx.get(f"{behind.url}/media/unknown.mp4").status_code == 404
+    assert browser.get(f"{behind.url}/media/unknown.mp4").status_code == 404
 
 
-def test_the_proxy_sends_each_video_as_the_server_would(behind: Behind, proxy: Proxy) -> None:
+def test_the_proxy_sends_each_video_as_the_server_would(
+    behind: Behind, proxy: Proxy, browser: httpx.Client
+) -> None:
     for video, file in behind.files.items():
-        said = httpx.get(f"{behind.url}/media/{video}.mp4").headers
-        whole = httpx.get(f"{proxy.url}/media/{video}.mp4")
+        said = browser.get(f"{behind.url}/media/{video}.mp4").headers
+        whole = browser.get(f"{proxy.url}/media/{video}.mp4")
         assert (whole.status_code, whole.content) == (200, file.read_bytes())
         assert TO_PROXY not in whole.headers
         assert whole.headers["accept-ranges"] == "bytes"
@@ -114,22 +124,26 @@ def test_the_proxy_sends_each_video_as_the_server_would(behind: Behind, proxy: P
             assert whole.headers.get_list(name) == [said[name]], name
 
 
-def test_the_proxy_sends_parts_and_nothing_to_whom_has_it(behind: Behind, proxy: Proxy) -> None:
+def test_the_proxy_sends_parts_and_nothing_to_whom_has_it(
+    behind: Behind, proxy: Proxy, browser: httpx.Client
+) -> None:
     for video, file in behind.files.items():
         url, size = f"{proxy.url}/media/{video}.mp4", file.stat().st_size
         for condition in ({}, {"If-Range": f'"{video}"'}):
-            part = httpx.get(url, headers={"Range": "bytes=100-199", **condition})
+            part = browser.get(url, headers={"Range": "bytes=100-199", **condition})
             assert (part.status_code, part.content) == (206, file.read_bytes()[100:200])
             assert part.headers["content-range"] == f"bytes 100-199/{size}"
-        beyond = httpx.get(url, headers={"Range": f"bytes={size}-"})
+        beyond = browser.get(url, headers={"Range": f"bytes={size}-"})
         assert (beyond.status_code, beyond.headers["content-range"]) == (416, f"bytes */{size}")
-        kept = httpx.get(url, headers={"If-None-Match": f'"{video}"'})
+        kept = browser.get(url, headers={"If-None-Match": f'"{video}"'})
         assert (kept.status_code, kept.content, kept.headers["cache-control"]) == (304, b"", KEPT)
-        head = httpx.head(url)
+        head = browser.head(url)
         assert (head.status_code, int(head.headers["content-length"])) == (200, size)
 
 
-def test_nobody_gets_a_file_by_asking_the_proxy_for_it(behind: Behind, proxy: Proxy) -> None:
+def test_nobody_gets_a_file_by_asking_the_proxy_for_it(
+    behind: Behind, proxy: Proxy, browser: httpx.Client
+) -> None:
     own = next(iter(behind.files.values()))
     (behind.folder / "srv/private").write_text("an answer")
     host, port = httpx.URL(proxy.url).host, httpx.URL(proxy.url).port
@@ -153,14 +167,14 @@ def test_nobody_gets_a_file_by_asking_the_proxy_for_it(behind: Behind, proxy: Pr
 
 
 def test_a_video_that_the_proxy_cannot_read_is_not_kept_as_missing(
-    behind: Behind, proxy: Proxy
+    behind: Behind, proxy: Proxy, browser: httpx.Client
 ) -> None:
     url = f"{proxy.url}/media/{next(iter(behind.files))}.mp4"
     behind.seen.unlink()
     try:
-        missing = httpx.get(url)
+        missing = browser.get(url)
     finally:
         behind.seen.symlink_to(behind.folder / "srv")
     assert missing.status_code == 404
     assert "no-store" in missing.headers["cache-control"]
-    assert httpx.get(url).status_code == 200
+    assert browser.get(url).status_code == 200

@@ -11,14 +11,14 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import IO, Protocol
+from typing import IO
 
 import httpx
 
+from tests.forked import Process
+
 #: How long a server may take to answer its first request, on a busy machine.
 START_TIMEOUT_S = 60.0
-
-ROOT = Path(__file__).parents[2]
 
 
 def free_port() -> int:
@@ -26,18 +26,6 @@ def free_port() -> int:
         probe.bind(("127.0.0.1", 0))
         port: int = probe.getsockname()[1]
         return port
-
-
-class Process(Protocol):
-    """What a server needs of the process that it is; `subprocess.Popen` has it."""
-
-    pid: int
-
-    def poll(self) -> int | None: ...
-
-    def send_signal(self, number: int, /) -> None: ...
-
-    def wait(self, timeout: float | None = None) -> int: ...
 
 
 @dataclass
@@ -90,7 +78,7 @@ class Server:
             env=environment,
             stdout=self.output,
             stderr=self.output,
-            cwd=ROOT,
+            cwd=Path(__file__).parents[2],
         )
 
     def _program(self) -> list[str]:

@@ -6,10 +6,12 @@ import os
 import signal
 import subprocess
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Self
+
+from tests.forked import Process
 
 #: How long a start or an end may take before a test gives up, in seconds.
 PATIENCE_S = 60
@@ -20,16 +22,7 @@ class Started:
 
     def __init__(self, words: Sequence[str], log: Path, **environment: str) -> None:
         self._output = log
-        with log.open("w") as output:
-            self._process = subprocess.Popen(
-                words,
-                stdout=output,
-                stderr=subprocess.STDOUT,
-                env={**os.environ, **environment},
-                # As a terminal would: tests that run in the background were told to ignore Ctrl+C,
-                # and whoever they start would be too.
-                preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # noqa: PLW1509
-            )
+        self._process = self._begun(words, {**os.environ, **environment}, log)
         self._wait_until_ready()
 
     def __enter__(self) -> Self:
@@ -42,6 +35,18 @@ class Started:
         trace: TracebackType | None,
     ) -> None:
         self.kill()
+
+    def _begun(self, words: Sequence[str], environment: Mapping[str, str], log: Path) -> Process:
+        with log.open("w") as output:
+            return subprocess.Popen(
+                words,
+                stdout=output,
+                stderr=subprocess.STDOUT,
+                env=environment,
+                # As a terminal would: tests that run in the background were told to ignore Ctrl+C,
+                # and whoever they start would be too.
+                preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # noqa: PLW1509
+            )
 
     def is_ready(self) -> bool:
         """Whether its words so far say that it does what it is for."""
@@ -57,7 +62,7 @@ class Started:
 
     def kill(self) -> None:
         """End it as a power cut would."""
-        self._process.kill()
+        self._process.send_signal(signal.SIGKILL)
         self._process.wait(PATIENCE_S)
 
     def interrupt(self) -> int:

@@ -1,0 +1,81 @@
+"""Our own program, begun in a fraction of a second.
+
+Loading what it is made of takes seconds, longer than most of what a test looks at. These processes
+are forked, each one of its own, from one that has loaded all that and has done nothing else.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import sys
+from collections.abc import Mapping, Sequence
+from importlib import import_module
+from multiprocessing.context import ForkServerProcess
+from pathlib import Path
+from subprocess import TimeoutExpired
+from typing import Protocol
+
+ROOT = Path(__file__).parents[1]
+
+#: What `pbpo serve` loads. None of it begins a thread.
+LOADED = ["app.cli", "app.server", "uvicorn.lifespan.on", "uvicorn.protocols.http.httptools_impl"]
+
+_CONTEXT = multiprocessing.get_context("forkserver")
+_CONTEXT.set_forkserver_preload(LOADED)
+
+
+class Process(Protocol):
+    """What is asked of a process; `subprocess.Popen` has it."""
+
+    @property
+    def pid(self) -> int: ...
+
+    def poll(self) -> int | None: ...
+
+    def send_signal(self, sig: int, /) -> None: ...
+
+    def wait(self, timeout: float | None = None) -> int: ...
+
+
+class Forked:
+    """What `python -m WORDS` is, with the few words of `subprocess.Popen` that tests need.
+
+    environment: all that it finds. log: where it writes.
+    """
+
+    def __init__(self, words: Sequence[str], environment: Mapping[str, str], log: Path) -> None:
+        self._process: ForkServerProcess = _CONTEXT.Process(
+            target=_run, args=(list(words), dict(environment), log)
+        )
+        self._process.start()
+        assert self._process.pid is not None
+        self.pid = self._process.pid
+
+    def poll(self) -> int | None:
+        return self._process.exitcode
+
+    def send_signal(self, number: int, /) -> None:
+        if self.poll() is None:
+            os.kill(self.pid, number)
+
+    def wait(self, timeout: float | None = None) -> int:
+        self._process.join(timeout)
+        if self._process.exitcode is None:
+            raise TimeoutExpired("pbpo", timeout or 0.0)
+        return self._process.exitcode
+
+
+def _run(words: list[str], environment: dict[str, str], log: Path) -> None:
+    os.chdir(ROOT)
+    os.environ.clear()
+    os.environ.update(environment)
+    nothing = os.open(os.devnull, os.O_RDONLY)
+    os.dup2(nothing, 0)
+    sys.stdin = os.fdopen(0)
+    written = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o600)
+    for stream in (1, 2):
+        os.dup2(written, stream)
+    os.close(written)
+    sys.argv = words
+    import_module(words[0]).main()

@@ -94,6 +94,8 @@ def create_app(
         # Their scripts come from other sites, which our pages' policy forbids.
         docs_url=None,
         redoc_url=None,
+        # Addresses hold ids of people: they are for no collector that a machine may have set up.
+        telemetry={"tracing": False, "metrics": False, "logs": False},
     )
     app.state.studio = opened
     # A server that is told to stop says so here, so that streams end before it waits for them.

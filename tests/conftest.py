@@ -1,7 +1,7 @@
 """What tests of several rooms share: a study of one's own, and the time of day in hand.
 
-`pytest --database postgresql` runs them on a PostgreSQL server of their own; those marked `sqlite`
-are about SQLite's files, and are left out then.
+`pytest --database postgresql` runs them on a PostgreSQL server of their own. Those marked `sqlite`,
+about SQLite's files, are left out then; those marked `postgresql`, about workers say, otherwise.
 """
 
 from __future__ import annotations
@@ -115,10 +115,10 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    if config.getoption("--database") == "postgresql":
-        left_out = [item for item in items if item.get_closest_marker("sqlite")]
-        config.hook.pytest_deselected(items=left_out)
-        items[:] = [item for item in items if item not in left_out]
+    other = "sqlite" if config.getoption("--database") == "postgresql" else "postgresql"
+    left_out = {item for item in items if item.get_closest_marker(other)}
+    config.hook.pytest_deselected(items=[item for item in items if item in left_out])
+    items[:] = [item for item in items if item not in left_out]
 
 
 @pytest.fixture(scope="session")

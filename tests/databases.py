@@ -124,7 +124,8 @@ class PostgresServer:
         return self._url(name)
 
     def empty(self, name: str) -> str:
-        """The URL of a database without a single table."""
+        """The URL of a database without a single table, called so and by a number."""
+        name = f"{name}_{self._number()}"
         self._admin.execute(f"CREATE DATABASE {name}")
         return self._url(name)
 

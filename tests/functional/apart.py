@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Iterator
 from concurrent.futures import Future
 from pathlib import Path
@@ -18,7 +17,7 @@ from app.services.settings import Settings
 from app.services.studio import Studio, open_studio
 from app.simulation import simulate_job
 from app.storage.task_queue import RENDER, TaskQueue
-from tests.databases import PostgresServer
+from tests.databases import Databases, PostgresServer
 
 from .conftest import EMAIL, PASSWORD
 from .own_study import write_own_study
@@ -26,12 +25,10 @@ from .own_study import write_own_study
 TOKEN = "a-token-of-thirty-two-characters!"
 
 
-@pytest.fixture(scope="module")
-def server() -> Iterator[PostgresServer]:
-    with tempfile.TemporaryDirectory(prefix="pbpo-") as folder:
-        made = PostgresServer(Path(folder))
-        yield made
-        made.close()
+@pytest.fixture
+def server(databases: Databases) -> PostgresServer:
+    assert isinstance(databases, PostgresServer)
+    return databases
 
 
 @pytest.fixture

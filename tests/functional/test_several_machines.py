@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
@@ -22,7 +21,7 @@ from app.services.settings import Settings
 from app.services.studio import Studio, open_studio
 from app.storage.tables import QueryRow, Recording, Response, Trial
 from tests.conftest import Idle
-from tests.databases import PostgresServer
+from tests.databases import Databases
 from tests.s3_server import BUCKET, KEY, SECRET, S3Server
 
 from .own_study import write_own_study
@@ -33,6 +32,8 @@ from .workers import Worker
 
 #: Candidates that tests render have short videos.
 RENDERED = ("env1", 1, 0)
+
+pytestmark = pytest.mark.postgresql
 
 
 @dataclass(frozen=True)
@@ -61,19 +62,16 @@ class Machines:
 
 
 @pytest.fixture(scope="module")
-def machines(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Machines]:
+def machines(databases: Databases, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Machines]:
     names = ("one", "two", "worker")
     folders = tuple(tmp_path_factory.mktemp(name) for name in names)
     with ExitStack() as ends, pytest.MonkeyPatch.context() as patch:
-        short = ends.enter_context(tempfile.TemporaryDirectory(prefix="pbpo-"))
-        database = PostgresServer(Path(short))
-        ends.callback(database.close)
         store = S3Server()
         ends.callback(store.stop)
         settings = Settings(
             data_dir=folders[2] / "data",
             media_dir=folders[2] / "media",
-            database_url=database.new(folders[0]),
+            database_url=databases.new(folders[0]),
             recordings_url=f"s3://{BUCKET}/lab",
             s3_endpoint=store.url,
             workers_apart=True,

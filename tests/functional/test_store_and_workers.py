@@ -31,6 +31,8 @@ from .workers import PATIENCE_S, until
 
 __all__ = ["queue", "running", "server", "store", "studio"]
 
+pytestmark = pytest.mark.postgresql
+
 LOCATOR = "env1/0/0"
 
 

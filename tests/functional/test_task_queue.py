@@ -28,6 +28,8 @@ from .workers import until
 
 __all__ = ["queue", "server", "settings", "somebody", "studio", "study"]
 
+pytestmark = pytest.mark.postgresql
+
 
 def test_several_servers_make_one_queue_and_another_versions_is_made_anew(
     server: PostgresServer,

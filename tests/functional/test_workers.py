@@ -33,6 +33,8 @@ from .workers import PATIENCE_S, Worker, until
 
 __all__ = ["pbpo", "queue", "server", "settings", "somebody", "studio", "study"]
 
+pytestmark = pytest.mark.postgresql
+
 ROOT = Path(__file__).parents[2]
 
 

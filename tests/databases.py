@@ -120,7 +120,7 @@ class PostgresServer:
 
     def new(self, folder: Path) -> str:
         name = f"pbpo_{self._number()}"
-        self._admin.execute(f"CREATE DATABASE {name} TEMPLATE empty")
+        self._copy("empty", name)
         return self._url(name)
 
     def empty(self, name: str) -> str:
@@ -136,7 +136,7 @@ class PostgresServer:
                 "SELECT pg_terminate_backend(pid) FROM pg_stat_activity WHERE datname = %s", [name]
             )
         self._admin.execute(f"DROP DATABASE IF EXISTS {names[1]} WITH (FORCE)")
-        self._admin.execute(f"CREATE DATABASE {names[1]} TEMPLATE {names[0]}")
+        self._copy(names[0], names[1])
 
     def drop(self, url: str) -> None:
         self._admin.execute(f"DROP DATABASE IF EXISTS {make_url(url).database} WITH (FORCE)")
@@ -161,6 +161,10 @@ class PostgresServer:
     def close(self) -> None:
         self._admin.close()
         self._server.cleanup()
+
+    def _copy(self, source: str | None, target: str | None) -> None:
+        # By its files: to log each page, as is done otherwise, takes more than twice the time.
+        self._admin.execute(f"CREATE DATABASE {target} TEMPLATE {source} STRATEGY FILE_COPY")
 
     def _url(self, name: str) -> str:
         url = make_url(self._server.get_uri(database=name))

@@ -7,9 +7,8 @@ BIN := $(VENV)/bin
 # Packages are compiled when they are first used: most of what is in them never is.
 PIP := $(BIN)/python -m pip install --quiet --no-compile --disable-pip-version-check --constraint constraints.txt
 
-# What `test` runs on PostgreSQL too: what depends on rows, locks and transactions.
-ON_POSTGRESQL := $(addprefix tests/functional/test_, $(addsuffix .py, session at_once places sent_twice \
-	entry_links exports leaving returning undo lifecycle refusals))
+# As many processes as processors; one that has nothing left to do takes tests from another.
+PYTEST := $(BIN)/python -m pytest --numprocesses logical --dist worksteal
 
 .PHONY: demo test test-postgresql lint messages screenshots no-wait watching load chaos calibration bench fuzz clean
 .DEFAULT_GOAL := demo
@@ -36,15 +35,18 @@ $(VENV)/.bench: pyproject.toml constraints.txt | $(VENV)/.made
 demo: $(VENV)/.app
 	@$(BIN)/pbpo demo --port $(PORT) --data-dir $(DATA_DIR)
 
+# Videos that were rendered for one test serve all others: they are named by their content.
+test test-postgresql: export PBPO_TEST_MEDIA_DIR ?= $(CURDIR)/build/test-media
+
 # The browsers come last: nothing else should take the machine from them.
 test: $(VENV)/.dev
-	$(BIN)/python -m pytest --numprocesses logical tests/unit tests/functional
-	$(BIN)/python -m pytest --numprocesses logical --database postgresql $(ON_POSTGRESQL)
-	$(BIN)/python -m pytest --numprocesses logical tests/browser
+	$(PYTEST) tests/unit tests/functional
+	$(PYTEST) --database postgresql tests/functional
+	$(PYTEST) tests/browser
 
-# Every test of the application on PostgreSQL: some minutes more than the part that `test` runs.
+# The part of `test` that is on PostgreSQL: every test of the application, but those about files of SQLite.
 test-postgresql: $(VENV)/.dev
-	$(BIN)/python -m pytest --numprocesses logical --database postgresql tests/functional
+	$(PYTEST) --database postgresql tests/functional
 
 lint: $(VENV)/.dev
 	$(BIN)/ruff check .

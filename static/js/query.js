@@ -330,7 +330,11 @@ async function lookAhead(mine) {
     if (mine !== turn || sending) {
       return;
     }
-    coming = (await look(mine)) ?? [];
+    const found = await look(mine);
+    if (mine !== turn) {
+      return; // what the next pair wants stays as it is
+    }
+    coming = found ?? coming;
     preloader.want(coming);
   }
 }

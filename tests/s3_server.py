@@ -43,6 +43,8 @@ class S3Server:
         self._port = 0
         self.start()
         self.client.create_bucket(Bucket=BUCKET)
+        # What an earlier one of this process held is moto's still.
+        self.empty()
 
     @property
     def url(self) -> str:

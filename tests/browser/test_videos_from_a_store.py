@@ -14,6 +14,7 @@ from app.services.studio import open_studio
 from tests.s3_server import BUCKET, KEY, SECRET, S3Server
 
 from .evaluator import answer, enter_small, watch
+from .forked import ForkedServer
 from .server import Server
 from .small_study import SMALL_PLAN, write_small_study
 
@@ -46,7 +47,7 @@ def server(
     folder = tmp_path_factory.mktemp("store")
     where = {"PBPO_RECORDINGS_URL": f"s3://{BUCKET}/lab", "PBPO_S3_ENDPOINT": store.url}
     keys = {"AWS_ACCESS_KEY_ID": KEY, "AWS_SECRET_ACCESS_KEY": SECRET}
-    server = Server(folder / "data", media_dir, settings={**where, **keys})
+    server = ForkedServer(folder / "data", media_dir, settings={**where, **keys})
     with pytest.MonkeyPatch.context() as patch:
         for name, value in {**where, **keys}.items():
             patch.setenv(name, value)

@@ -173,6 +173,9 @@ class Proposer:
     ) -> list[NextQuery]:
         """The next queries, the likeliest first: all, or none as long as they are worked out."""
         steps = self._foreseen.after(trial.seed, self._futures(trial, history, pair))
+        if None in steps:
+            # Of a response that was taken back, say: whoever has some asks for no more.
+            return []
         return [step.next for step in steps if step is not None and step.next is not None]
 
     def close(self) -> None:

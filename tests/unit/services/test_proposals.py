@@ -149,6 +149,21 @@ class TestWorkingAhead:
         assert len(proposer.upcoming(no_skip, (), pair)) == 2
         proposer.close()
 
+    def test_as_long_as_one_of_them_is_worked_out_none_is_told(
+        self, studio: Studio, study_shelf: StudyShelf
+    ) -> None:
+        study_shelf.put_into(studio, SHORT_PLAN)
+        proposer = studio.proposer
+        first = proposer.step(TRIAL, ()).next
+        assert first is not None
+        pair = (first.left_candidate, first.right_candidate)
+        # Answered before anything was worked out, and taken back.
+        proposer.step(TRIAL, ((*pair, "left"),))
+        assert proposer.upcoming(TRIAL, (), pair) == []
+        proposer.work_ahead(TRIAL, (), pair)
+        studio.background.in_thread("after that", lambda: None).result(30)
+        assert len(proposer.upcoming(TRIAL, (), pair)) == 3
+
     def test_what_was_answered_meanwhile_is_worked_out_no_further(
         self, studio: Studio, study_shelf: StudyShelf
     ) -> None:

@@ -9,6 +9,7 @@ from typing import Annotated, NoReturn
 
 import typer
 from rich.table import Table
+from sqlalchemy.exc import OperationalError
 from typer.exceptions import Abort, Exit, TyperException
 
 from app.commands import account, backup, export, lifecycle, making, retention, worker
@@ -86,6 +87,9 @@ def main() -> None:
         fail(f"pbpo: {error}")
     except (FileExistsError, IsADirectoryError, NotADirectoryError, PermissionError) as error:
         fail(f"pbpo: {error}")
+    except OperationalError as error:
+        # What the database said, in one line: neither its address nor its password is repeated.
+        fail(f"pbpo: the database cannot be used: {' '.join(str(error.orig).split())}")
     except TyperException as error:
         fail(f"pbpo: {error.format_message()} (pbpo --help shows what there is)")
     except Exit as error:

@@ -119,6 +119,8 @@ def restore(source: Path, settings: Settings, ledgers: Sequence[Path], now: date
     Every file's hash and every table's rows are compared with the manifest. Then what the ledgers
     name is deleted again. Nothing stays in the folder if anything is wrong. Raises ConflictError.
     """
+    if not source.is_file():
+        raise ConflictError(f"expected a backup at {source}, and there is no such file")
     lines = [line for path in ledgers for line in ledger.read(path)]
     require_empty(settings.data_dir)
     settings.data_dir.mkdir(parents=True, exist_ok=True, mode=0o700)
@@ -232,7 +234,10 @@ def _unpack(source: Path, settings: Settings) -> dict[str, Any]:
                     raise ConflictError(f"{source}: {name} is not what was backed up (SHA-256)")
     except (OSError, KeyError, zipfile.BadZipFile) as error:
         raise ConflictError(f"expected a whole backup, got {source}: {error}") from None
-    (settings.data_dir / LEDGER).touch()
+    kept = settings.data_dir / LEDGER
+    kept.touch()
+    # As a ledger is made: production refuses one that others can read.
+    kept.chmod(0o600)
     database = settings.data_dir / DATABASE
     try:
         dumps.load(database, settings.url)

@@ -14,7 +14,7 @@ from sqlalchemy.engine import make_url
 
 from . import accounts, demo
 from .errors import ConflictError
-from .settings import Settings
+from .settings import Settings, misspelt_settings
 from .studio import Studio, require_queue
 
 #: Bits of a folder's mode that let others than its owner in.
@@ -93,6 +93,8 @@ def unsafe_settings(studio: Studio, host: str) -> Iterator[str]:
             f"Other users of this machine can read or write {settings.ledger_path}:"
             f" chmod 600 {settings.ledger_path}"
         )
+    for name, meant in misspelt_settings():
+        yield f"{name} is no setting, and has no effect: {meant} may be meant."
 
 
 def _is_loopback(host: str) -> bool:

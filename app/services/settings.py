@@ -5,6 +5,8 @@ from __future__ import annotations
 import ipaddress
 import os
 import re
+from collections.abc import Iterator
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Annotated
 
@@ -22,6 +24,9 @@ from .errors import ConflictError
 
 DATABASES = ("sqlite", "postgresql")
 _PREFIX = "PBPO_"
+#: How alike a variable's name is to a setting's if that is meant, from 0 to 1: PBPO_DATABASE is,
+#: PBPO_TEST_MEDIA_DIR is not.
+_NEARLY = 0.86
 #: Names a folder with a file per setting, such as `pbpo_database_url`: where a container has its
 #: secrets. Words of an environment are seen by whoever may look at a container.
 SECRETS_DIR = "PBPO_SECRETS_DIR"
@@ -255,6 +260,15 @@ class Settings(BaseSettings):
 def _one_holds_the_other(one: Path, other: Path) -> bool:
     one, other = one.resolve(), other.resolve()
     return one.is_relative_to(other) or other.is_relative_to(one)
+
+
+def misspelt_settings() -> Iterator[tuple[str, str]]:
+    """Variables that are nearly a setting, and so without effect, each with what may be meant."""
+    known = {f"{_PREFIX}{name}".upper() for name in Settings.model_fields} | {SECRETS_DIR}
+    for name in sorted(os.environ):
+        if name.upper().startswith(_PREFIX) and name.upper() not in known:
+            for meant in get_close_matches(name.upper(), known, n=1, cutoff=_NEARLY):
+                yield name, meant
 
 
 def settings_faults(error: ValidationError) -> str:

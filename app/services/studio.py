@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from importlib.util import find_spec
+from pathlib import Path
 
 from threadpoolctl import threadpool_limits
 
@@ -69,11 +70,11 @@ def open_studio(
     # evaluator tries to have them all.
     threadpool_limits(1, user_api="blas")
     # What people answered, and who they are, is for the eyes of the server's own user.
-    settings.data_dir.mkdir(parents=True, exist_ok=True, mode=0o700)
-    settings.media_dir.mkdir(parents=True, exist_ok=True)
+    _make_folder(settings.data_dir, 0o700)
+    _make_folder(settings.media_dir)
     if settings.own_videos_dir is not None:
         # Whoever else has to read it, such as a proxy, is let in by whoever runs the server.
-        settings.own_videos_dir.mkdir(parents=True, exist_ok=True, mode=0o750)
+        _make_folder(settings.own_videos_dir, 0o750)
     migrate(settings.url)
     database = Database(settings.url)
     if settings.workers_apart:
@@ -97,6 +98,16 @@ def open_studio(
             bundle_job.KIND: bundle_job.make_bundle,
         },
     )
+
+
+def _make_folder(folder: Path, mode: int = 0o777) -> None:
+    """Make it unless it is there. Raises ConflictError, as where a service may not write."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True, mode=mode)
+    except OSError as error:
+        raise ConflictError(
+            f"expected a folder to write to, and {folder} cannot be made: {error.strerror}"
+        ) from None
 
 
 def require_queue() -> None:

@@ -17,14 +17,17 @@ router = APIRouter(include_in_schema=False)
 
 _FRESH = {"Cache-Control": "no-store"}
 
+#: Watchmen and load balancers often ask for the head alone.
+_ASKED_BY = ["GET", "HEAD"]
 
-@router.get("/healthz")
+
+@router.api_route("/healthz", methods=_ASKED_BY)
 async def alive() -> Response:
     """The process answers. It asks nothing else, so that a database's fault restarts no server."""
     return JSONResponse({"alive": True}, headers=_FRESH)
 
 
-@router.get("/readyz")
+@router.api_route("/readyz", methods=_ASKED_BY)
 def ready(studio: StudioDep) -> Response:
     """Whether evaluators can be sent here: 503 says why not, a sentence for each fault."""
     found = readiness.faults(studio)

@@ -82,6 +82,8 @@ def test_a_backup_taken_in_use_becomes_the_same_studio(
     new = settings_for(tmp_path / "new", studio)
     restored = backups.restore(target, new, [], STARTED)
     assert restored.deleted_again == 0
+    # Production refuses to serve with one that others can read.
+    assert new.ledger_path.stat().st_mode & 0o777 == 0o600
     assert content(new.url) == content(studio.settings.url)
     was, came = (
         {path.name: path.read_bytes() for path in one.uploads_dir.iterdir()}
@@ -269,6 +271,9 @@ def test_by_command(people: list[Session], studio: Studio, pbpo: Run, tmp_path: 
     assert "there is none" in mistake(pbpo(*new, "--deletions", tmp_path / "no.log"))
     assert pbpo(*new, "--without-deletions").status == 0
     assert "which holds something" in mistake(pbpo(*new, "--without-deletions"))
+    lost = ("restore", tmp_path / "lost.zip", "--data-dir", tmp_path / "lost")
+    assert "there is no such file" in mistake(pbpo(*lost, "--without-deletions"))
+    assert not (tmp_path / "lost").exists()
     assert "expected a whole backup" in mistake(
         pbpo("restore", __file__, "--data-dir", tmp_path / "other", "--without-deletions")
     )

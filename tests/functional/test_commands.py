@@ -241,6 +241,25 @@ def test_a_setting_that_is_not_understood_is_named(
     assert name in mistake(pbpo("study", "list"))
 
 
+def test_a_database_that_gives_no_answer_is_said_in_a_line_without_its_password(
+    pbpo: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PBPO_DATABASE_URL", "postgresql+psycopg://u:hunter2@127.0.0.1:1/pbpo")
+    said = mistake(pbpo("study", "list"))
+    assert said.startswith("pbpo: the database cannot be used: connection failed")
+    assert "hunter2" not in said
+
+
+@pytest.mark.parametrize("name", ["PBPO_DATA_DIR", "PBPO_MEDIA_DIR", "PBPO_OWN_VIDEOS_DIR"])
+def test_a_folder_that_cannot_be_made_is_named(
+    pbpo: Run, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    # Nobody makes folders there, not even root.
+    monkeypatch.setenv(name, "/proc/studio")
+    said = mistake(pbpo("study", "list"))
+    assert said.startswith("pbpo: expected a folder to write to, and /proc/studio cannot be made")
+
+
 def test_closing_a_draft_is_refused(pbpo: Run, tmp_path: Path) -> None:
     pbpo("study", "create", write_study(tmp_path / "short"))
     assert "expected an open study" in mistake(pbpo("study", "close", "short"))

@@ -123,6 +123,19 @@ def test_a_data_folder_that_others_can_read_is_said(studio: Studio) -> None:
     assert list(safety.unsafe_settings(studio, "::1")) == []
 
 
+def test_a_variable_that_is_nearly_a_setting_is_said(
+    studio: Studio, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    studio.settings.data_dir.chmod(0o700)
+    monkeypatch.setenv("PBPO_TEST_MEDIA_DIR", "/of/tests")
+    monkeypatch.setenv("PBPO_DOMAIN", "of.the.proxy")
+    assert list(safety.unsafe_settings(studio, HOST)) == []
+    monkeypatch.setenv("PBPO_PRODUCTOIN", "true")
+    assert list(safety.unsafe_settings(studio, HOST)) == [
+        "PBPO_PRODUCTOIN is no setting, and has no effect: PBPO_PRODUCTION may be meant."
+    ]
+
+
 def test_only_the_demos_account_is_refused(studio: Studio) -> None:
     accounts.create(studio, EMAIL, PASSWORD)
     safety.require_safe(studio, HOST)

@@ -71,6 +71,9 @@ def faults(client: Api) -> list[str]:
 def test_a_server_that_can_work_says_so(client: Api) -> None:
     assert client.get("/healthz").json() == {"alive": True}
     assert faults(client) == []
+    # As watchmen ask that want no body.
+    assert client.request("HEAD", "/healthz").status_code == 200
+    assert client.request("HEAD", "/readyz").status_code == 200
 
 
 def test_a_database_at_another_schema_is_said(client: Api, studio: Studio) -> None:

@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 from app.pbbo import FitError, PreferenceOptimizer, has_posterior
 from app.pbbo import Settings as OptimizerSettings
 
+from .thoughts import History
+
 #: Beliefs kept: those of a page of trials, for each of some readers. Some kilobytes each.
 KEPT: Final = 128
 
-#: One answered query: left candidate, right candidate, "left" | "right" | "skip".
-History = tuple[tuple[int, int, str], ...]
 #: Posterior mean and deviation, each (n,).
 Belief = tuple[NDArray[np.float64], NDArray[np.float64]]
 

@@ -21,6 +21,12 @@ export class Preloader {
   #running = 0;
   /** @type {Set<string>} */
   #missing = new Set();
+  /**
+   * Played by their addresses. What a player got from another site no script may read, and a cache
+   * would hand just that to one.
+   * @type {Set<string>}
+   */
+  #played = new Set();
 
   /**
    * Fetch these, in this order, after what is already under way.
@@ -48,9 +54,9 @@ export class Preloader {
   source(url) {
     const entry = this.#entries.get(url);
     if (!entry) {
-      return url;
+      return this.#byAddress(url);
     }
-    return entry.blobUrl ?? entry.loading.then((blobUrl) => blobUrl ?? url);
+    return entry.blobUrl ?? entry.loading.then((blobUrl) => blobUrl ?? this.#byAddress(url));
   }
 
   /**
@@ -100,11 +106,17 @@ export class Preloader {
     return this.#fetch(url, "reload");
   }
 
+  /** @param {string} url */
+  #byAddress(url) {
+    this.#played.add(url);
+    return url;
+  }
+
   #fill() {
     while (this.#running < AT_ONCE && this.#queue.length > 0) {
       const url = /** @type {string} */ (this.#queue.shift());
       this.#running += 1;
-      this.#fetch(url, "default").then(() => {
+      this.#fetch(url, this.#played.has(url) ? "no-cache" : "default").then(() => {
         this.#running -= 1;
         this.#fill();
       });

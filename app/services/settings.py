@@ -7,6 +7,7 @@ import os
 import re
 from collections.abc import Iterator
 from difflib import get_close_matches
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated
 
@@ -179,6 +180,11 @@ class Settings(BaseSettings):
             backend = ""
         if backend not in DATABASES:
             raise ValueError(f"expected the URL of a database of {' or '.join(DATABASES)}")
+        if backend == "postgresql" and find_spec("psycopg") is None:
+            raise ValueError(
+                "expected psycopg to be installed, which PostgreSQL needs, and it is not:"
+                " pip install 'pbpo-studio[postgresql]'"
+            )
         return url
 
     @field_validator("workers_apart")
@@ -274,6 +280,11 @@ def misspelt_settings() -> Iterator[tuple[str, str]]:
 def settings_faults(error: ValidationError) -> str:
     """What is wrong with the settings, by the names of their variables, in one line."""
     return "; ".join(
-        f"{_PREFIX}{'.'.join(map(str, fault['loc'])).upper()}: {fault['msg']}"
+        f"{_PREFIX}{'.'.join(map(str, fault['loc'])).upper()}: {_said(fault['msg'])}"
         for fault in error.errors(include_url=False, include_input=False)
     )
+
+
+def _said(message: str) -> str:
+    # What our own checks say is a sentence without Pydantic's first words.
+    return message.removeprefix("Value error, ")

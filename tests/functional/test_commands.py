@@ -250,6 +250,16 @@ def test_a_database_that_gives_no_answer_is_said_in_a_line_without_its_password(
     assert "hunter2" not in said
 
 
+def test_postgresql_without_its_driver_says_what_to_install(
+    pbpo: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PBPO_DATABASE_URL", "postgresql+psycopg://u@127.0.0.1:1/pbpo")
+    monkeypatch.setitem(sys.modules, "psycopg", None)
+    said = mistake(pbpo("study", "list"))
+    assert said.startswith("pbpo: PBPO_DATABASE_URL: expected psycopg to be installed")
+    assert "pip install 'pbpo-studio[postgresql]'" in said
+
+
 @pytest.mark.parametrize("name", ["PBPO_DATA_DIR", "PBPO_MEDIA_DIR", "PBPO_OWN_VIDEOS_DIR"])
 def test_a_folder_that_cannot_be_made_is_named(
     pbpo: Run, monkeypatch: pytest.MonkeyPatch, name: str

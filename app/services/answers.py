@@ -1,7 +1,7 @@
 """What comes back from the query page: a response, or that a video did not play.
 
-Each use case is one transaction: two tabs, a double click or a retry find that it was done. A fit
-belongs into none, and so what follows is worked out before, ahead of the response if possible.
+What is stored is stored in one transaction: two tabs, a double click or a retry find that it was
+done. A fit belongs into none, and so what follows is worked out before, ahead if possible.
 """
 
 from __future__ import annotations
@@ -65,20 +65,25 @@ def respond(studio: Studio, token: str, answer: Answer) -> State:
     """Store a response and move on. The same response again changes nothing."""
     with studio.measurements.answering(answer.response):
         worked_out: dict[History, Step] = {}
-        while True:
-            # Everybody else who answers may wait for this one: what follows was worked out before.
-            with studio.database.write() as session:
-                row = sessions.find(studio, session, token, to_write=True)
-                query = queries.find(session, row, answer.query_id)
-                lacking = None
-                if _is_new(row, query, answer):
-                    lacking = _take(studio, session, row, query, answer, worked_out)
-                if lacking is None:
-                    return session_state.describe(studio, session, row)
+        while (lacking := _attempt(studio, token, answer, worked_out)) is not None:
             # Nobody has worked it out ahead: done now, inside no transaction. Should the trial have
             # gone on meanwhile, what follows that is asked for next.
             trial, history = lacking
             worked_out[history] = studio.proposer.step(trial, history)
+    with studio.database.read() as session:
+        return session_state.describe(studio, session, sessions.find(studio, session, token))
+
+
+def _attempt(
+    studio: Studio, token: str, answer: Answer, worked_out: Mapping[History, Step]
+) -> tuple[TrialInHand, History] | None:
+    # Everybody else who answers may wait for this one: nothing is in it that could be outside.
+    with studio.database.write() as session:
+        row = sessions.find(studio, session, token, to_write=True)
+        query = queries.find(session, row, answer.query_id)
+        if not _is_new(row, query, answer):
+            return None
+        return _take(studio, session, row, query, answer, worked_out)
 
 
 def _take(

@@ -20,7 +20,7 @@ P = ParamSpec("P")
 T = TypeVar("T")
 
 #: Calls that are worked on at the same time: one computes while others wait for the database.
-AT_ONCE = 4
+AT_ONCE = 3
 #: Of these, calls that may write.
 WRITING = AT_ONCE - 1
 #: For how long a call that may write waits for its place, in seconds: pages give up then, too, and

@@ -9,7 +9,7 @@ from __future__ import annotations
 import logging
 import re
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from datetime import timedelta
 from functools import partial
 from pathlib import Path
@@ -36,11 +36,14 @@ def sweep(studio: Studio, stop: Callable[[], bool] = lambda: False) -> int:
         for path in _unfinished(folder):
             if stop():
                 return gone
-            # Another process may be quicker: to finish it, or to remove it.
-            with suppress(FileNotFoundError):
+            try:
                 if path.stat().st_mtime <= written_before:
                     path.unlink()
                     gone += 1
+            except FileNotFoundError:
+                pass  # another process was quicker: to finish it, or to remove it
+            except OSError as error:
+                log.error("an unfinished video cannot be removed: %s", error)
     if gone:
         log.info("removed %d unfinished videos", gone)
     return gone

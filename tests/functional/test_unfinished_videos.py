@@ -74,3 +74,14 @@ def test_a_server_removes_it_when_it_starts(studio: Studio) -> None:
 
     asyncio.run(run())
     assert not old.exists()
+
+
+def test_one_that_cannot_be_removed_keeps_no_other(studio: Studio) -> None:
+    media = studio.settings.media_dir
+    stuck = media / f".{'0' * 32}.x.part"
+    (stuck / "within").mkdir(parents=True)
+    at = (STARTED - DAY).timestamp()
+    os.utime(stuck, (at, at))
+    gone = write(media, f".{'f' * 32}.x.part", DAY)
+    assert unfinished.sweep(studio) == 1
+    assert stuck.exists() and not gone.exists()

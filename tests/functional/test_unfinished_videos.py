@@ -84,4 +84,5 @@ def test_one_that_cannot_be_removed_keeps_no_other(studio: Studio) -> None:
     os.utime(stuck, (at, at))
     gone = write(media, f".{'f' * 32}.x.part", DAY)
     assert unfinished.sweep(studio) == 1
-    assert stuck.exists() and not gone.exists()
+    assert stuck.exists()
+    assert not gone.exists()

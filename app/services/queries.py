@@ -7,9 +7,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from sqlalchemy import Select, bindparam, func, select
+from sqlalchemy import bindparam, func, select
 from sqlalchemy.orm import Session, contains_eager, joinedload
 
+from app.storage.at_once import AtOnce
 from app.storage.insertion import insert_rows
 from app.storage.tables import Event, QueryRow, Response, SessionRow, Trial, UndoneResponse
 from app.study import protocol
@@ -84,8 +85,8 @@ def was_undone(session: Session, query: QueryRow) -> bool:
 
 def read_record(session: Session, trial_id: int) -> Record:
     """The answered queries of one trial, in order."""
-    rows: Iterable[Any] = session.execute(_RECORD, {"trial_id": trial_id})
-    return tuple(Shown(*row) for row in rows)
+    shown = (Shown(*row) for row in _RECORD.read(session, {"trial_id": trial_id}))
+    return tuple(sorted(shown, key=lambda one: one.query_index))
 
 
 def read_attempts(session: Session, query: QueryRow) -> Record:
@@ -160,9 +161,8 @@ _STANDING_AT = (
     )
     .options(contains_eager(QueryRow.trial))
 )
-_RECORD: Select[Any] = (
+_RECORD = AtOnce(
     select(*_SHOWN, Response.response)
     .join(Response, Response.query_id == QueryRow.id)
     .where(QueryRow.trial_id == bindparam("trial_id"))
-    .order_by(QueryRow.query_index)
 )

@@ -38,13 +38,17 @@ demo: $(VENV)/.app
 # Videos that were rendered for one test serve all others: they are named by their content.
 test test-postgresql: export PBPO_TEST_MEDIA_DIR ?= $(CURDIR)/build/test-media
 
+# What is about doors, forms and words, and hardly about what is stored: `test` tries it on SQLite alone, for time.
+ON_SQLITE_ALONE := $(addprefix --ignore=tests/functional/test_, $(addsuffix .py, role_matrix hostile_forms hostile_uploads \
+	documents languages headers serve_safely))
+
 # The browsers come last: nothing else should take the machine from them.
 test: $(VENV)/.dev
 	$(PYTEST) tests/unit tests/functional
-	$(PYTEST) --database postgresql tests/functional
+	$(PYTEST) --database postgresql tests/functional $(ON_SQLITE_ALONE)
 	$(PYTEST) tests/browser
 
-# The part of `test` that is on PostgreSQL: every test of the application, but those about files of SQLite.
+# Every test of the application on PostgreSQL, but those about files of SQLite.
 test-postgresql: $(VENV)/.dev
 	$(PYTEST) --database postgresql tests/functional
 

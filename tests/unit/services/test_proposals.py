@@ -119,6 +119,12 @@ def test_what_was_worked_out_long_ago_is_forgotten_and_worked_out_alike(
     assert counted.times == 1
 
 
+def first_pair(proposer: Proposer) -> tuple[int, int]:
+    first = proposer.step(TRIAL, ()).next
+    assert first is not None
+    return first.left_candidate, first.right_candidate
+
+
 class TestWorkingAhead:
     @pytest.fixture
     def background(self) -> Background:
@@ -130,9 +136,7 @@ class TestWorkingAhead:
         study_shelf.put_into(studio, SHORT_PLAN)
         begun: list[Clip] = []
         proposer = Proposer(studio.database, studio.background, begun.append, studio.measurements)
-        first = proposer.step(TRIAL, ()).next
-        assert first is not None
-        pair = (first.left_candidate, first.right_candidate)
+        pair = first_pair(proposer)
         assert proposer.upcoming(TRIAL, (), pair) == []
 
         proposer.work_ahead(TRIAL, (), pair)
@@ -154,9 +158,7 @@ class TestWorkingAhead:
     ) -> None:
         study_shelf.put_into(studio, SHORT_PLAN)
         proposer = studio.proposer
-        first = proposer.step(TRIAL, ()).next
-        assert first is not None
-        pair = (first.left_candidate, first.right_candidate)
+        pair = first_pair(proposer)
         # Answered before anything was worked out, and taken back.
         proposer.step(TRIAL, ((*pair, "left"),))
         assert proposer.upcoming(TRIAL, (), pair) == []
@@ -169,9 +171,7 @@ class TestWorkingAhead:
     ) -> None:
         study_shelf.put_into(studio, SHORT_PLAN)
         proposer = studio.proposer
-        first = proposer.step(TRIAL, ()).next
-        assert first is not None
-        pair = (first.left_candidate, first.right_candidate)
+        pair = first_pair(proposer)
         answered = ((*pair, "left"),)
         busy = threading.Event()
         studio.background.in_thread("busy", busy.wait, 30)

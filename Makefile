@@ -10,7 +10,7 @@ PIP := $(BIN)/python -m pip install --quiet --no-compile --disable-pip-version-c
 # As many processes as processors; one that has nothing left to do takes tests from another.
 PYTEST := $(BIN)/python -m pytest --numprocesses logical --dist worksteal
 
-.PHONY: demo test test-postgresql lint messages screenshots no-wait watching load chaos calibration bench fuzz clean
+.PHONY: demo test lint messages screenshots no-wait watching load chaos calibration bench fuzz clean
 .DEFAULT_GOAL := demo
 
 $(VENV)/.made:
@@ -36,21 +36,13 @@ demo: $(VENV)/.app
 	@$(BIN)/pbpo demo --port $(PORT) --data-dir $(DATA_DIR)
 
 # Videos that were rendered for one test serve all others: they are named by their content.
-test test-postgresql: export PBPO_TEST_MEDIA_DIR ?= $(CURDIR)/build/test-media
-
-# What is about doors, forms and words, and hardly about what is stored: `test` tries it on SQLite alone, for time.
-ON_SQLITE_ALONE := $(addprefix --ignore=tests/functional/test_, $(addsuffix .py, role_matrix hostile_forms hostile_uploads \
-	documents languages headers serve_safely))
+test: export PBPO_TEST_MEDIA_DIR ?= $(CURDIR)/build/test-media
 
 # The browsers come last: nothing else should take the machine from them.
 test: $(VENV)/.dev
 	$(PYTEST) tests/unit tests/functional
-	$(PYTEST) --database postgresql tests/functional $(ON_SQLITE_ALONE)
-	$(PYTEST) tests/browser
-
-# Every test of the application on PostgreSQL, but those about files of SQLite.
-test-postgresql: $(VENV)/.dev
 	$(PYTEST) --database postgresql tests/functional
+	$(PYTEST) tests/browser
 
 lint: $(VENV)/.dev
 	$(BIN)/ruff check .

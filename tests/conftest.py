@@ -150,7 +150,7 @@ def _on_this_runs_database(
     url = databases.new(tmp_path)
     monkeypatch.setenv("PBPO_DATABASE_URL", url)
     yield
-    databases.drop(url)
+    databases.give_back(url)
 
 
 @pytest.fixture
@@ -211,22 +211,22 @@ def write_study(folder: Path, plan: str = SHORT_PLAN) -> Path:
 
 
 class StudyShelf:
-    """Databases that hold one open study each: made once per plan, copied wherever wanted."""
+    """What databases with one open study hold: made once per plan, put wherever wanted."""
 
     def __init__(self, databases: Databases, folder: Path, media_dir: Path) -> None:
         self._databases = databases
         self._folder = folder
         self._media_dir = media_dir
-        self._made: dict[str, str] = {}
+        self._made: dict[str, Any] = {}
 
     def put_into(self, studio: Studio, plan: str) -> None:
         """Replace what the studio's database holds by the open study of this plan."""
         with studio.database.read() as session:
             people = session.scalar(select(func.count(Account.id)))
             assert people == 0, "expected the study first: it takes the place of what is there"
-        self._databases.copy(self._database(plan), studio.settings.url)
+        self._databases.put_into(studio.settings.url, self._with(plan))
 
-    def _database(self, plan: str) -> str:
+    def _with(self, plan: str) -> Any:
         if plan not in self._made:
             place = self._folder / str(len(self._made))
             settings = Settings(
@@ -239,7 +239,7 @@ class StudyShelf:
             studies.create(studio, folder)
             studies.open_study(studio, folder.plan.slug)
             studio.close()
-            self._made[plan] = settings.url
+            self._made[plan] = self._databases.keep(settings.url)
         return self._made[plan]
 
 

@@ -44,8 +44,9 @@ def _assembled(tmp_path_factory: pytest.TempPathFactory, media_dir: Path) -> Ite
 
 @pytest.fixture
 def application(_assembled: FastAPI, studio: Studio) -> FastAPI:
-    """The application over this test's studio."""
+    """The application over this test's studio, which nobody has told to stop."""
     _assembled.state.studio = studio
+    _assembled.state.stopping = lambda: False
     return _assembled
 
 
@@ -108,9 +109,7 @@ def kept(
 @pytest.fixture
 def house(
     client: Api, application: FastAPI, studio: Studio, databases: Databases, kept: Kept
-) -> Iterator[House]:
+) -> House:
     # Streams end at once, as they do when a server is told to stop.
-    before = application.state.stopping
     application.state.stopping = lambda: True
-    yield House(client, studio, databases, kept)
-    application.state.stopping = before
+    return House(client, studio, databases, kept)

@@ -88,8 +88,7 @@ class Kept:
             "read token": accounts.create_api_token(studio, owner, "r", Scope.READ),
             "write token": accounts.create_api_token(studio, owner, "w", Scope.WRITE),
         }
-        self.database = databases.new(folder)
-        databases.copy(studio.settings.url, self.database)
+        self.rows = databases.keep(studio.settings.url)
         self.uploads = folder / "uploads"
         shutil.copytree(studio.settings.uploads_dir, self.uploads)
 
@@ -122,7 +121,7 @@ class House:
 
     def as_it_was(self) -> None:
         """Everything as it was before anybody asked for anything."""
-        self._databases.copy(self._kept.database, self._studio.settings.url)
+        self._databases.put_into(self._studio.settings.url, self._kept.rows)
         uploads = self._studio.settings.uploads_dir
         shutil.copytree(self._kept.uploads, uploads, dirs_exist_ok=True)
 

@@ -40,8 +40,8 @@ OF_SESSIONS = ("sessions", "participants", "queries", "preferences", "acquired",
 
 
 @pytest.fixture(scope="module")
-def people(databases: Databases, tmp_path_factory: pytest.TempPathFactory) -> TwoPeople:
-    return TwoPeople(databases.new(tmp_path_factory.mktemp("people")))
+def people() -> TwoPeople:
+    return TwoPeople()
 
 
 @dataclass(frozen=True)

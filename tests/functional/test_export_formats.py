@@ -34,8 +34,8 @@ PSYCH_DS_NAME = r"([a-z]+-[a-zA-Z0-9]+)(_[a-z]+-[a-zA-Z0-9]+)*_data\.csv"
 
 
 @pytest.fixture(scope="module")
-def people(databases: Databases, tmp_path_factory: pytest.TempPathFactory) -> TwoPeople:
-    return TwoPeople(databases.new(tmp_path_factory.mktemp("people")))
+def people() -> TwoPeople:
+    return TwoPeople()
 
 
 @dataclass(frozen=True)

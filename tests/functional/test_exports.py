@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import zipfile
 from dataclasses import dataclass, field
+from typing import Any
 
 import pandas as pd
 import pytest
@@ -63,16 +64,16 @@ class Walked:
 
 @dataclass
 class Kept:
-    """The walk, made by the first test that needs it: its database is copied for the others."""
+    """The walk, made by the first test that needs it: the others find what it stored."""
 
-    database: str
+    rows: Any = None
     api_token: str = ""
     pressed: list[Pressed] = field(default_factory=list)
 
 
 @pytest.fixture(scope="module")
-def kept(databases: Databases, tmp_path_factory: pytest.TempPathFactory) -> Kept:
-    return Kept(databases.new(tmp_path_factory.mktemp("walked")))
+def kept() -> Kept:
+    return Kept()
 
 
 @pytest.fixture
@@ -84,8 +85,8 @@ def walked(
     clock: Clock,
     kept: Kept,
 ) -> Walked:
-    if kept.pressed:
-        databases.copy(kept.database, studio.settings.url)
+    if kept.rows:
+        databases.put_into(studio.settings.url, kept.rows)
     else:
         study_shelf.put_into(studio, LEARNING_PLAN)
         kept.api_token = accounts.create_api_token(
@@ -94,7 +95,7 @@ def walked(
         session = client.start(external_ids={"PROLIFIC_PID": PLATFORM_ID, "note": "=1+1"})
         choose = by_turns("skip", "left", "right", "skip", "left")
         kept.pressed = session.to_the_end(choose, clock.forward)
-        databases.copy(studio.settings.url, kept.database)
+        kept.rows = databases.keep(studio.settings.url)
     return Walked(client, kept.api_token, kept.pressed)
 
 

@@ -224,7 +224,10 @@ def test_sessions_go_without_the_conditions_that_are_switched_off(
         assert session.state["progress"]["trials"] == 2
         session.to_stage("completed", clock.forward)
     with studio.database.read() as database:
-        given = [tuple(row) for row in database.scalars(select(SessionRow.trial_conditions))]
+        given = [
+            tuple(row)
+            for row in database.scalars(select(SessionRow.trial_conditions).order_by(SessionRow.id))
+        ]
     assert all(set(row) == {0, 2} for row in given[1:])
     assert len(set(given[1:])) == 2
     # Who was in it keeps what they began with.

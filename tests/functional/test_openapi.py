@@ -57,15 +57,15 @@ class Callers:
 
     client: Api
     databases: Databases
-    kept: str
     url: str
+    kept: Any = None
     tokens: dict[str, str | None] = field(default_factory=dict)
     known: dict[str, dict[str, Any]] = field(default_factory=dict)
 
     def ask(self, caller: str, case: Case) -> httpx.Response:
         answer = calls.ask(self.client, case, self.tokens[caller])
         if answer.is_success and case.method != "GET":
-            self.databases.copy(self.kept, self.url)
+            self.databases.put_into(self.url, self.kept)
         return answer
 
     def of(self, operation: Operation) -> list[str]:
@@ -82,14 +82,12 @@ def callers(
     study_shelf: StudyShelf,
     databases: Databases,
     clock: Clock,
-    tmp_path_factory: pytest.TempPathFactory,
 ) -> Callers:
     study_shelf.put_into(
         studio, PLAN.replace("places: 2", "places: 100").replace("required: 1", "required: 0")
     )
     account = accounts.create(studio, EMAIL, PASSWORD)
-    kept = databases.new(tmp_path_factory.mktemp("kept"))
-    made = Callers(client, databases, kept, studio.settings.url)
+    made = Callers(client, databases, studio.settings.url)
     made.tokens = {NOBODY: None, EXPERIMENTER: accounts.create_api_token(studio, account, "tests")}
     for stage in STAGES:
         session = client.start().to_stage(stage, clock.forward)
@@ -100,7 +98,7 @@ def callers(
             "index": 0,
             "answers": {"effort": 3},
         }
-    databases.copy(studio.settings.url, kept)
+    made.kept = databases.keep(studio.settings.url)
     return made
 
 

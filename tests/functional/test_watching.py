@@ -7,6 +7,7 @@ import io
 import re
 from collections.abc import Iterator
 from datetime import datetime
+from typing import Any
 
 import httpx
 import pandas as pd
@@ -37,7 +38,7 @@ MEMBER = "bob@lab.example"
 
 
 #: What the study's database holds, once it is made: two minutes of tests else.
-_MADE: list[tuple[str, datetime]] = []
+_MADE: list[tuple[Any, datetime]] = []
 
 
 @pytest.fixture
@@ -47,12 +48,11 @@ def watched(
     study_shelf: StudyShelf,
     clock: Clock,
     databases: Databases,
-    tmp_path_factory: pytest.TempPathFactory,
 ) -> Api:
     """A study that two have completed, one has left, one is in, and one declined."""
     if _MADE:
         kept, clock.time = _MADE[0]
-        databases.copy(kept, studio.settings.url)
+        databases.put_into(studio.settings.url, kept)
     else:
         study_shelf.put_into(studio, WATCHED_PLAN)
         accounts.create(studio, "ada@lab.example", "correct horse battery")
@@ -61,9 +61,7 @@ def watched(
         client.start().to_first_query().call("withdraw")
         client.start().call("withdraw")
         client.start().to_first_query().respond("left", rt_ms=900.0)
-        kept = databases.new(tmp_path_factory.mktemp("watched"))
-        databases.copy(studio.settings.url, kept)
-        _MADE.append((kept, clock.time))
+        _MADE.append((databases.keep(studio.settings.url), clock.time))
     assert sign_in(client).status_code == 303
     return client
 
@@ -201,7 +199,7 @@ def test_the_stream_is_one_of_events_that_nobody_keeps(
     watched: Api, application: FastAPI, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     looks = iter([False])
-    monkeypatch.setattr(application.state, "stopping", lambda: next(looks, True))
+    application.state.stopping = lambda: next(looks, True)
     monkeypatch.setattr("app.web.live.SECONDS_BETWEEN_LOOKS", 0.0)
     answer = watched.get("/studies/short/events", headers={"Last-Event-ID": "before"})
     assert answer.headers["content-type"].startswith("text/event-stream")

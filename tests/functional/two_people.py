@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 from app.services import accounts, studies
 from app.services.studies import StudyInfo
@@ -18,9 +19,9 @@ DAY_S = 24 * 3600
 
 @dataclass
 class TwoPeople:
-    """Walked once for all tests of a module; each test gets a copy of the database."""
+    """Walked once for all tests of a module; each test finds what was stored."""
 
-    database: str
+    kept: Any = None
     api_token: str = ""
     #: Of the second person: deletes what they gave.
     second_token: str = ""
@@ -28,8 +29,8 @@ class TwoPeople:
     def put_into(
         self, studio: Studio, client: Api, databases: Databases, shelf: StudyShelf, clock: Clock
     ) -> StudyInfo:
-        if self.api_token:
-            databases.copy(self.database, studio.settings.url)
+        if self.kept:
+            databases.put_into(studio.settings.url, self.kept)
         else:
             shelf.put_into(studio, LEARNING_PLAN)
             account = accounts.create(studio, EMAIL, PASSWORD)
@@ -42,5 +43,5 @@ class TwoPeople:
             for response in ("right", "left", "left"):
                 assert second.respond(response, rt_ms=4000, replays=1).status_code == 200
             self.second_token = second.token
-            databases.copy(studio.settings.url, self.database)
+            self.kept = databases.keep(studio.settings.url)
         return studies.find(studio, "short")

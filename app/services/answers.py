@@ -14,6 +14,7 @@ from sqlalchemy import bindparam, func, select
 from sqlalchemy.orm import Session
 
 from app.pbbo import allows_skip
+from app.storage import patience
 from app.storage.insertion import insert_rows
 from app.storage.tables import Acquired, PreferenceRow, QueryRow, Response, SessionRow
 from app.study import protocol
@@ -68,6 +69,7 @@ def respond(studio: Studio, token: str, answer: Answer) -> State:
         while (lacking := _attempt(studio, token, answer, worked_out)) is not None:
             # Nobody has worked it out ahead: done now, inside no transaction. Should the trial have
             # gone on meanwhile, what follows that is asked for next.
+            patience.require()
             trial, history = lacking
             worked_out[history] = studio.proposer.step(trial, history)
     with studio.database.read() as session:

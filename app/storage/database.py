@@ -6,6 +6,7 @@ half-way because somebody else wrote meanwhile.
 
 from __future__ import annotations
 
+import sqlite3
 import threading
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
@@ -16,6 +17,8 @@ from sqlalchemy.engine import ExceptionContext, make_url
 from sqlalchemy.exc import DataError
 from sqlalchemy.exc import TimeoutError as WaitedTooLongError
 from sqlalchemy.orm import Session, sessionmaker
+
+from . import patience
 
 #: How long a writer waits for another before it gives up, in milliseconds.
 SQLITE_BUSY_TIMEOUT_MS = 15_000
@@ -34,21 +37,27 @@ class Database:
     """The door to one database. Hands out transactions, nothing else.
 
     `read()` and `write()` are context managers that yield an ORM session; leaving `write()`
-    normally commits, leaving it by an exception rolls back.
+    normally commits, leaving it by an exception rolls back. For who does not wait
+    (`patience`), `write()` raises NeedsPatienceError where SQLite has another writer.
     """
 
     def __init__(self, url: str) -> None:
         self.url = url
         self.engine = _engine(url)
         self._writing = threading.Lock()
+        self._impatient = _impatient_engine(url) if self.is_sqlite else self.engine
         self._readers = sessionmaker(self.engine, expire_on_commit=False)
-        self._writers = sessionmaker(
-            self.engine.execution_options(**{_WRITES: True}), expire_on_commit=False
-        )
+        self._writers = _writers(self.engine)
+        self._impatient_writers = _writers(self._impatient)
 
     @property
     def is_sqlite(self) -> bool:
         return self.engine.dialect.name == "sqlite"
+
+    @property
+    def answers_at_once(self) -> bool:
+        """Whether no network lies between: all there is to wait for is another writer."""
+        return self.is_sqlite
 
     @contextmanager
     def read(self) -> Iterator[Session]:
@@ -57,7 +66,8 @@ class Database:
 
     @contextmanager
     def write(self) -> Iterator[Session]:
-        with self._in_turn(), self._writers.begin() as session:
+        writers = self._impatient_writers if patience.is_lacking() else self._writers
+        with self._in_turn(), writers.begin() as session:
             yield session
 
     @contextmanager
@@ -70,12 +80,17 @@ class Database:
         if not self.is_sqlite:
             yield
             return
-        if not self._writing.acquire(timeout=SQLITE_BUSY_TIMEOUT_MS / 1000):
-            raise WaitedTooLongError("the database was written to by others for too long")
+        if not self._writing.acquire(blocking=False):
+            patience.require()
+            self._wait_for_turn()
         try:
             yield
         finally:
             self._writing.release()
+
+    def _wait_for_turn(self) -> None:
+        if not self._writing.acquire(timeout=SQLITE_BUSY_TIMEOUT_MS / 1000):
+            raise WaitedTooLongError("the database was written to by others for too long")
 
     def scrub(self) -> None:
         """Take what was deleted off the disk, as far as the database leaves that to us.
@@ -95,7 +110,12 @@ class Database:
             cursor.close()
 
     def close(self) -> None:
-        self.engine.dispose()
+        for engine in (self.engine, self._impatient):
+            engine.dispose()
+
+
+def _writers(engine: Engine) -> sessionmaker[Session]:
+    return sessionmaker(engine.execution_options(**{_WRITES: True}), expire_on_commit=False)
 
 
 def _engine(url: str) -> Engine:
@@ -117,6 +137,24 @@ def _engine(url: str) -> Engine:
     event.listen(engine, "begin", _begin_sqlite)
     event.listen(engine, "handle_error", _not_storable)
     return engine
+
+
+def _impatient_engine(url: str) -> Engine:
+    """Where another program writes, SQLite says so at once."""
+    engine = _engine(url)
+    event.listen(engine, "connect", _wait_for_nobody)
+    event.listen(engine, "handle_error", _needs_patience)
+    return engine
+
+
+def _wait_for_nobody(connection: Any, _record: Any) -> None:
+    connection.execute("PRAGMA busy_timeout = 0").close()
+
+
+def _needs_patience(context: ExceptionContext) -> None:
+    refused = context.original_exception
+    if isinstance(refused, sqlite3.Error) and refused.sqlite_errorcode == sqlite3.SQLITE_BUSY:
+        raise patience.NeedsPatienceError from None
 
 
 def _configure_sqlite(connection: Any, _record: Any) -> None:

@@ -1,20 +1,27 @@
-"""Evaluators' calls a few at a time, in the order in which they came.
+"""Evaluators' calls: at once where they can be, else a few at a time, in the order they came in.
 
 A server computes one thing at a time, however many threads it has: with more of them at once each
-only takes longer, and whoever holds the database while others compute holds everybody up. Who
-writes may have to wait for the database; who only looks never does, and so has a place kept free.
+only takes longer, and whoever holds the database while others compute holds everybody up. Each
+statement to SQLite even lets another thread go first, and then waits for it. So what is asked most,
+and takes a few milliseconds, is done by the server's event loop itself, as long as it has to wait
+for nobody. In line, who writes may have to wait for the database; who only looks never does, and so
+has a place kept free.
 """
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial, wraps
-from typing import ParamSpec, TypeVar
+from typing import Any, ParamSpec, TypeVar
 
 from anyio import CapacityLimiter, fail_after, to_thread
 from anyio.lowlevel import RunVar
 from sqlalchemy.exc import TimeoutError as WaitedTooLongError
+
+from app.services.studio import Studio
+from app.storage import patience
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -74,6 +81,35 @@ def in_line_to_look(endpoint: Callable[P, T]) -> Callable[P, Awaitable[T]]:
         )
 
     return waited
+
+
+def at_once(endpoint: Callable[P, T]) -> Callable[P, Awaitable[T]]:
+    """The endpoint, which may write, done before anything else; `in_line` if it has to wait."""
+    return _at_once(endpoint, in_line(endpoint))
+
+
+def at_once_to_look(endpoint: Callable[P, T]) -> Callable[P, Awaitable[T]]:
+    """The same for one that writes nothing."""
+    return _at_once(endpoint, in_line_to_look(endpoint))
+
+
+def _at_once(
+    endpoint: Callable[P, T], later: Callable[P, Awaitable[T]]
+) -> Callable[P, Awaitable[T]]:
+    @wraps(endpoint)
+    async def done(*args: P.args, **kwargs: P.kwargs) -> T:
+        if _studio(kwargs).database.answers_at_once:
+            # Of what cannot be done at once nothing was done: it is begun anew.
+            with suppress(patience.NeedsPatienceError), patience.at_once():
+                return endpoint(*args, **kwargs)
+        return await later(*args, **kwargs)
+
+    return done
+
+
+def _studio(arguments: Mapping[str, Any]) -> Studio:
+    studio: Studio = arguments["studio"]
+    return studio
 
 
 def _places() -> _Places:

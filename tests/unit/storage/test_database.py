@@ -11,6 +11,7 @@ from sqlalchemy import func, select, text
 from sqlalchemy.exc import DataError
 
 from app.services.studio import Studio
+from app.storage import patience
 from app.storage.database import Database
 from app.storage.tables import Study
 
@@ -44,6 +45,32 @@ def test_a_reader_sees_what_was_there_when_it_began(studio: Studio) -> None:
             session.add(study("a"))
         assert reader.scalar(statement) == 0
     assert count(studio.database) == 1
+
+
+@pytest.mark.parametrize("where", ["in this process", "in another program"])
+def test_who_does_not_wait_is_told_at_once_that_somebody_else_writes(
+    studio: Studio, where: str
+) -> None:
+    database = studio.database
+    other = database if where == "in this process" else Database(database.url)
+
+    def write(slug: str) -> None:
+        with patience.at_once(), database.write() as session:
+            session.add(study(slug))
+
+    with other.write() as session:
+        session.add(study("other"))
+        session.flush()
+        begun = time.monotonic()
+        with pytest.raises(patience.NeedsPatienceError):
+            write("refused")
+        # A writer who waits gives up after 15 s.
+        assert time.monotonic() - begun < 5
+        with patience.at_once():
+            assert count(database) == 0
+    write("own")
+    assert count(database) == 2
+    other.close()
 
 
 def test_a_writer_waits_for_the_one_before_instead_of_failing(studio: Studio) -> None:

@@ -35,25 +35,42 @@ TO_PROXY = "X-Accel-Redirect"
 )
 async def recording(public_id: str, request: Request, studio: StudioDep) -> Response:
     """A recording's video; one that is not there yet is rendered first."""
-    etag = f'"{public_id}"'
+    etag = _etag(public_id)
     if request.headers.get("if-none-match") == etag:
         await run_in_threadpool(studio.recordings.find, public_id)
         return Response(status_code=304, headers={"ETag": etag, "Cache-Control": KEPT})
-    source, made = await run_in_threadpool(_begun, studio, public_id)
-    # Shielded: one browser that goes away must not stop a video that others wait for.
-    await asyncio.shield(asyncio.wrap_future(made))
+    # One errand to a thread, where the video is there: on a busy server each has to be waited for.
+    source, made, answer = await run_in_threadpool(_begun, studio, public_id, request)
+    if answer is None:
+        # Shielded: one browser that goes away must not stop a video that others wait for.
+        await asyncio.shield(asyncio.wrap_future(made))
+        answer = await run_in_threadpool(_answer, studio, public_id, source, request)
+    return answer
+
+
+def _begun(
+    studio: Studio, public_id: str, request: Request
+) -> tuple[Source, Future[Any], Response | None]:
+    """A recording, its video that is there or begun, and the answer if it is there."""
+    source = studio.recordings.find(public_id)
+    made = studio.recordings.ensure(source)
+    is_there = made.done() and made.exception() is None
+    return source, made, _answer(studio, public_id, source, request) if is_there else None
+
+
+def _answer(studio: Studio, public_id: str, source: Source, request: Request) -> Response:
+    """The video that is there. It may read: call it on no event loop."""
     place = studio.recordings.hand_out(source, head=request.method == "HEAD")
     if isinstance(place, Link):
         kept = f"private, max-age={place.seconds}"
         return RedirectResponse(place.url, 307, headers={"Cache-Control": kept})
-    headers = {"Cache-Control": KEPT, "ETag": etag}
+    headers = {"Cache-Control": KEPT, "ETag": _etag(public_id)}
     if isinstance(place, Errand):
         # No body: the proxy puts the file in its place, or the part that was asked for.
         sent_by_proxy = {TO_PROXY: place.address, **headers}
         return Response(media_type=form_of(place.address), headers=sent_by_proxy)
-    return await run_in_threadpool(video_file.answer, place, request, headers)
+    return video_file.answer(place, request, headers)
 
 
-def _begun(studio: Studio, public_id: str) -> tuple[Source, Future[Any]]:
-    source = studio.recordings.find(public_id)
-    return source, studio.recordings.ensure(source)
+def _etag(public_id: str) -> str:
+    return f'"{public_id}"'

@@ -66,26 +66,35 @@ def respond(studio: Studio, token: str, answer: Answer) -> State:
     """Store a response and move on. The same response again changes nothing."""
     with studio.measurements.answering(answer.response):
         worked_out: dict[History, Step] = {}
-        while (lacking := _attempt(studio, token, answer, worked_out)) is not None:
+        while True:
+            came = _attempt(studio, token, answer, worked_out)
+            if not isinstance(came, _Lacking):
+                return came
             # Nobody has worked it out ahead: done now, inside no transaction. Should the trial have
             # gone on meanwhile, what follows that is asked for next.
             patience.require()
-            trial, history = lacking
-            worked_out[history] = studio.proposer.step(trial, history)
-    with studio.database.read() as session:
-        return session_state.describe(studio, session, sessions.find(studio, session, token))
+            worked_out[came.history] = studio.proposer.step(came.trial, came.history)
+
+
+@dataclass(frozen=True)
+class _Lacking:
+    """Nothing was stored: what follows this history has to be known first."""
+
+    trial: TrialInHand
+    history: History
 
 
 def _attempt(
     studio: Studio, token: str, answer: Answer, worked_out: Mapping[History, Step]
-) -> tuple[TrialInHand, History] | None:
-    # Everybody else who answers may wait for this one: nothing is in it that could be outside.
+) -> State | _Lacking:
     with studio.database.write() as session:
         row = sessions.find(studio, session, token, to_write=True)
         query = queries.find(session, row, answer.query_id)
-        if not _is_new(row, query, answer):
-            return None
-        return _take(studio, session, row, query, answer, worked_out)
+        if _is_new(row, query, answer):
+            lacking = _take(studio, session, row, query, answer, worked_out)
+            if lacking is not None:
+                return lacking
+        return session_state.describe(studio, session, row)
 
 
 def _take(
@@ -95,11 +104,8 @@ def _take(
     query: QueryRow,
     answer: Answer,
     worked_out: Mapping[History, Step],
-) -> tuple[TrialInHand, History] | None:
-    """Store a response and what follows it.
-
-    Nothing is stored while it is not known what follows: that is returned, for the next attempt.
-    """
+) -> _Lacking | None:
+    """Store a response and what follows it, if that is known."""
     sessions.require_asked(row, query.query_index)
     trial = queries.trial_in_hand(row, query.trial.trial_index, query.trial.seed)
     if answer.response == "skip" and not allows_skip(trial.method):
@@ -114,7 +120,7 @@ def _take(
     history = learned(trial, record)
     step = worked_out.get(history) or studio.proposer.known(trial, history)
     if step is None:
-        return trial, history
+        return _Lacking(trial, history)
     studio.measurements.step_asked(ahead=history not in worked_out)
     space = studio.proposer.space(trial.study_id, trial.environment)
     coming = following(space, trial, record, step)

@@ -11,7 +11,7 @@ from pathlib import Path
 from threadpoolctl import threadpool_limits
 
 from app.storage.database import Database
-from app.storage.schema import migrate
+from app.storage.schema import bring_to_newest
 
 from . import transcode_job
 from .background import Background
@@ -75,8 +75,8 @@ def open_studio(
     if settings.own_videos_dir is not None:
         # Whoever else has to read it, such as a proxy, is let in by whoever runs the server.
         _make_folder(settings.own_videos_dir, 0o750)
-    migrate(settings.url)
     database = Database(settings.url)
+    bring_to_newest(database)
     if settings.workers_apart:
         background = _with_workers(database, background)
     background = background or InProcess(settings.render_jobs)

@@ -11,6 +11,8 @@ from alembic.migration import MigrationContext
 from alembic.script import ScriptDirectory
 from sqlalchemy import Connection
 
+from .database import Database
+
 MIGRATIONS = Path(__file__).resolve().parents[2] / "migrations"
 
 
@@ -25,6 +27,14 @@ def configuration(url: str) -> Config:
 def migrate(url: str, revision: str = "head") -> None:
     """Bring the database to `revision`; nothing happens if it is there already."""
     command.upgrade(configuration(url), revision)
+
+
+def bring_to_newest(database: Database) -> None:
+    """As `migrate`, for who has the database open: most often there is nothing to do."""
+    with database.engine.connect() as connection:
+        if revision_of(connection) == newest_revision():
+            return
+    migrate(database.url)
 
 
 @cache

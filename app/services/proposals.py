@@ -140,7 +140,10 @@ class Proposer:
         """What follows `history`: from what was worked out ahead, or worked out now."""
         step = self.known(trial, history)
         if step is None:
-            [step] = self._work_out(trial, [history], think_all)
+            # A fit holds everybody else here up, but nobody should wait for a process to start.
+            here = not history or not self._elsewhere.is_ready
+            thinks = think_all if here else self._elsewhere.think
+            [step] = self._work_out(trial, [history], thinks)
         return step
 
     def forget(self, seeds: frozenset[int]) -> None:

@@ -90,6 +90,8 @@ class Elsewhere:
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._pool: ProcessPoolExecutor | None = None
+        #: Whether the process is there: it has answered before.
+        self.is_ready = False
 
     def think(self, questions: Sequence[Question]) -> list[Thought]:
         """As `think` of each; this process waits meanwhile, and can do other things.
@@ -97,15 +99,18 @@ class Elsewhere:
         They go there together: each errand takes this process about a millisecond.
         """
         try:
-            return self._open().submit(think_all, questions).result()
+            thoughts = self._open().submit(think_all, questions).result()
         except BrokenProcessPool:
             # It was killed, for want of memory say: the next one starts afresh.
             self.close()
-            return self._open().submit(think_all, questions).result()
+            thoughts = self._open().submit(think_all, questions).result()
+        self.is_ready = True
+        return thoughts
 
     def close(self) -> None:
         with self._lock:
             pool, self._pool = self._pool, None
+            self.is_ready = False
         if pool is not None:
             pool.shutdown(wait=True, cancel_futures=True)
 

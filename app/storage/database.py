@@ -38,7 +38,7 @@ class Database:
 
     `read()` and `write()` are context managers that yield an ORM session; leaving `write()`
     normally commits, leaving it by an exception rolls back. For who does not wait
-    (`patience`), `write()` raises NeedsPatienceError where SQLite has another writer.
+    (`patience`), `write()` raises BusyError where SQLite has another writer.
     """
 
     def __init__(self, url: str) -> None:
@@ -81,7 +81,8 @@ class Database:
             yield
             return
         if not self._writing.acquire(blocking=False):
-            patience.require()
+            if patience.is_lacking():
+                raise patience.BusyError
             self._wait_for_turn()
         try:
             yield
@@ -154,7 +155,7 @@ def _wait_for_nobody(connection: Any, _record: Any) -> None:
 def _needs_patience(context: ExceptionContext) -> None:
     refused = context.original_exception
     if isinstance(refused, sqlite3.Error) and refused.sqlite_errorcode == sqlite3.SQLITE_BUSY:
-        raise patience.NeedsPatienceError from None
+        raise patience.BusyError from None
 
 
 def _configure_sqlite(connection: Any, _record: Any) -> None:

@@ -17,6 +17,10 @@ class NeedsPatienceError(Exception):
     """It could not be done at once; nothing of it was done."""
 
 
+class BusyError(NeedsPatienceError):
+    """Somebody else writes: in some milliseconds it can be done at once, most likely."""
+
+
 @contextmanager
 def at_once() -> Iterator[None]:
     """Within this, whatever would have to wait raises NeedsPatienceError."""

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from functools import partial, wraps
 from typing import Any, ParamSpec, TypeVar
 
-from anyio import CapacityLimiter, fail_after, to_thread
+from anyio import CapacityLimiter, fail_after, sleep, to_thread
 from anyio.lowlevel import RunVar
 from sqlalchemy.exc import TimeoutError as WaitedTooLongError
 
@@ -30,6 +30,9 @@ T = TypeVar("T")
 AT_ONCE = 3
 #: Of these, calls that may write.
 WRITING = AT_ONCE - 1
+#: After which a call that was to be done at once is tried again, in seconds, while somebody else
+#: writes: most hold the database for a few milliseconds. Then it stands in line.
+PAUSES_S = (0.002, 0.004, 0.008, 0.016)
 #: For how long a call that may write waits for its place, in seconds: pages give up then, too, and
 #: send it again.
 PATIENCE_S = 15.0
@@ -100,8 +103,11 @@ def _at_once(
     async def done(*args: P.args, **kwargs: P.kwargs) -> T:
         if _studio(kwargs).database.answers_at_once:
             # Of what cannot be done at once nothing was done: it is begun anew.
-            with suppress(patience.NeedsPatienceError), patience.at_once():
-                return endpoint(*args, **kwargs)
+            with suppress(patience.NeedsPatienceError):
+                for pause_s in PAUSES_S:
+                    with suppress(patience.BusyError), patience.at_once():
+                        return endpoint(*args, **kwargs)
+                    await sleep(pause_s)
         return await later(*args, **kwargs)
 
     return done

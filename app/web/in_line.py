@@ -27,9 +27,9 @@ P = ParamSpec("P")
 T = TypeVar("T")
 
 #: Calls that are worked on at the same time: one computes while others wait for the database.
-AT_ONCE = 3
+PLACES = 3
 #: Of these, calls that may write.
-WRITING = AT_ONCE - 1
+WRITING = PLACES - 1
 #: After which a call that was to be done at once is tried again, in seconds, while somebody else
 #: writes: most hold the database for a few milliseconds. Then it stands in line.
 PAUSES_S = (0.002, 0.004, 0.008, 0.016)
@@ -122,6 +122,6 @@ def _places() -> _Places:
     try:
         return _PLACES.get()
     except LookupError:
-        places = _Places(CapacityLimiter(AT_ONCE), CapacityLimiter(WRITING))
+        places = _Places(CapacityLimiter(PLACES), CapacityLimiter(WRITING))
         _PLACES.set(places)
         return places

@@ -37,7 +37,10 @@ def test_the_same_is_thought_here_and_elsewhere_also_after_a_killed_process(
 ) -> None:
     here = think(QUESTION)
     before = workers()
+    # Whoever cannot wait for a process to start asks first whether it is there.
+    assert not elsewhere.is_ready
     assert elsewhere.think([QUESTION]) == [here]
+    assert elsewhere.is_ready
     (process,) = workers() - before
     process.kill()
     process.wait(10)

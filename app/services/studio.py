@@ -76,9 +76,13 @@ def open_studio(
         # Whoever else has to read it, such as a proxy, is let in by whoever runs the server.
         _make_folder(settings.own_videos_dir, 0o750)
     database = Database(settings.url)
-    bring_to_newest(database)
-    if settings.workers_apart:
-        background = _with_workers(database, background)
+    try:
+        bring_to_newest(database)
+        if settings.workers_apart:
+            background = _with_workers(database, background)
+    except BaseException:
+        database.close()
+        raise
     background = background or InProcess(settings.render_jobs)
     measurements = Measurements(own_queue=not settings.workers_apart)
     background.tell_queue(measurements.renders)

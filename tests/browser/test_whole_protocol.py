@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+import pytest
 from playwright.sync_api import Browser, Page, expect
 
 from .evaluator import answer, query_on_screen, watch
@@ -29,6 +30,7 @@ def expect_heading(page: Page, text: str) -> None:
     expect(page.get_by_role("heading", level=1)).to_have_text(text)
 
 
+@pytest.mark.long
 def test_a_session_goes_through_every_stage_there_is(
     page: Page, serve: Callable[[str], Server]
 ) -> None:

@@ -6,6 +6,7 @@ import io
 import zipfile
 
 import pandas as pd
+import pytest
 from playwright.sync_api import BrowserContext, Page, expect
 
 from .conftest import EMAIL, PASSWORD
@@ -13,6 +14,7 @@ from .evaluator import answer, enter, may_skip, query_on_screen, watch
 from .server import Server
 
 
+@pytest.mark.long
 def test_a_whole_session_ends_in_a_zip_that_holds_what_was_pressed(
     context: BrowserContext, page: Page, server: Server
 ) -> None:

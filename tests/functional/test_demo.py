@@ -48,6 +48,7 @@ def signs_in(access: dict[str, str], url: str) -> None:
     assert "Before you take part" in httpx.get(access["participant_url"]).text
 
 
+@pytest.mark.long
 def test_a_second_start_reuses_what_the_first_one_set_up(tmp_path: Path, media_dir: Path) -> None:
     data_dir = tmp_path / "data"
     with Served("demo", data_dir, media_dir) as first:

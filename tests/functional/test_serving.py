@@ -103,6 +103,7 @@ def test_told_to_stop_it_ends_streams_at_once_and_finishes_what_it_has_begun(
         assert stored == (answered == [200])
 
 
+@pytest.mark.long
 @pytest.mark.postgresql
 def test_several_workers_serve_one_database_and_count_together(
     tmp_path: Path, media_dir: Path, monkeypatch: pytest.MonkeyPatch

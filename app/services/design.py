@@ -203,6 +203,7 @@ def _scores(session: Session, study_id: int) -> dict[str, dict[int, float]]:
         .join(Recording, Recording.candidate_id == Candidate.id)
         .where(Candidate.study_id == study_id, Recording.score.is_not(None))
         .group_by(Candidate.environment, Candidate.candidate_index)
+        .order_by(Candidate.environment, Candidate.candidate_index)
     ):
         found[environment][index] = float(score)
     return found

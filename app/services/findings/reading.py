@@ -110,5 +110,6 @@ def scores(session: Session, request: Request) -> dict[tuple[str, int], float]:
         .join(Recording, Recording.candidate_id == Candidate.id)
         .where(Candidate.study_id == request.study.id, Recording.score.is_not(None))
         .group_by(Candidate.environment, Candidate.candidate_index)
+        .order_by(Candidate.environment, Candidate.candidate_index)
     )
     return {(environment, index): float(score) for environment, index, score in rows}

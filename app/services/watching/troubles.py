@@ -100,6 +100,7 @@ def _counted(session: Session, study_id: int, since: datetime) -> Iterator[Troub
         select(FaultCount.kind, func.sum(FaultCount.number), func.max(FaultCount.last_at))
         .where(FaultCount.study_id == study_id, FaultCount.last_at > since)
         .group_by(FaultCount.kind)
+        .order_by(FaultCount.kind)
     )
     for kind, number, last_at in rows:
         told = _SAID[Kind(kind)]

@@ -9,11 +9,13 @@ from __future__ import annotations
 import shutil
 import signal
 import sqlite3
+import threading
 from collections import Counter
 from contextlib import closing
+from functools import partial
 from itertools import count
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, ClassVar, Protocol
 
 import psutil
 import psycopg
@@ -32,6 +34,9 @@ SLOW = ("fsync", "synchronous_commit", "full_page_writes")
 
 #: After how many uses of a database on PostgreSQL deleted rows are cleared away.
 USES = 10
+
+#: Connections that a process keeps for who comes next; a server lets in 100.
+LEFT = 40
 
 #: More statements than all tests together have.
 STATEMENTS = 10_000
@@ -62,6 +67,8 @@ def compile_once(patch: pytest.MonkeyPatch) -> None:
     shared: dict[str, Engine] = {}
 
     def sharing(url: str, **options: Any) -> Engine:
+        if make_url(url).get_backend_name() == "postgresql":
+            options["creator"] = partial(_Lasting.to, _for_driver(url))
         engine = create_engine(url, query_cache_size=STATEMENTS, **options)
         first = shared.get(engine.driver)
         if first is None:
@@ -74,6 +81,51 @@ def compile_once(patch: pytest.MonkeyPatch) -> None:
         return engine
 
     patch.setattr(database, "create_engine", sharing)
+
+
+class _Lasting(psycopg.Connection):
+    """A connection that whoever comes next takes over as good as new, rather than open another.
+
+    Its server looks at every table when it first meets them: that takes longer than most tests.
+    """
+
+    _url: str
+    #: Those that wait for who comes next, the longest first.
+    _left: ClassVar[list[_Lasting]] = []
+    _in_turn: ClassVar = threading.Lock()
+
+    @classmethod
+    def to(cls, url: str) -> _Lasting:
+        with cls._in_turn:
+            for found in [one for one in cls._left if one._url == url]:
+                cls._left.remove(found)
+                if not found.closed:
+                    return found
+        made = cls.connect(url)
+        made._url = url
+        return made
+
+    def close(self) -> None:
+        try:
+            self.rollback()
+            self.autocommit = False
+            self.execute("RESET ALL")
+            self.commit()
+        except psycopg.Error:
+            super().close()
+            return
+        with self._in_turn:
+            self._left.append(self)
+            if len(self._left) > LEFT:
+                self._left.pop(0).end()
+
+    def end(self) -> None:
+        super().close()
+
+    @classmethod
+    def end_all(cls) -> None:
+        while cls._left:
+            cls._left.pop().end()
 
 
 def commit_quickly(patch: pytest.MonkeyPatch) -> None:
@@ -132,7 +184,9 @@ class PostgresServer:
         self._admin.execute("CREATE DATABASE empty")
         migrate(self._url("empty"))
         self._nothing = self.keep(self._url("empty"))
-        self._leave(self._url("empty"))  # which is copied while nobody is in it
+        # It is copied while nobody is in it.
+        self._leave(self._url("empty"))
+        _Lasting.end_all()
         self._given_back: list[str] = []
         self._uses: Counter[str] = Counter()
 
@@ -160,7 +214,7 @@ class PostgresServer:
 
         That is ten times quicker than to have it copied and dropped.
         """
-        self._inside(url).execute(_END_ALL_OTHERS)
+        self._inside(url).execute(_END_ALL_AT_WORK)
         self._given_back.append(url)
 
     def keep(self, url: str) -> str:
@@ -218,6 +272,7 @@ class PostgresServer:
         self._server.cleanup()
 
     def _hang_up(self) -> None:
+        _Lasting.end_all()
         self._admin.close()
         for url in list(self._open):
             self._leave(url)
@@ -235,9 +290,9 @@ _TABLES = """
     SELECT format('%I.%I', schemaname, tablename) FROM pg_tables
     WHERE schemaname NOT IN ('pg_catalog', 'information_schema')
 """
-_END_ALL_OTHERS = """
+_END_ALL_AT_WORK = """
     SELECT pg_terminate_backend(pid) FROM pg_stat_activity
-    WHERE datname = current_database() AND pid <> pg_backend_pid()
+    WHERE datname = current_database() AND pid <> pg_backend_pid() AND state <> 'idle'
 """
 #: To the number that each gave last; to its first, where it gave none yet.
 _SET_SEQUENCES = """

@@ -13,6 +13,7 @@ import threading
 from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
+from pathlib import Path
 from types import FrameType
 from typing import Any
 
@@ -25,6 +26,8 @@ from uvicorn.supervisors import Multiprocess
 from app.main import create_app
 from app.services import design, jobs, logs, measurements
 from app.services.errors import ConflictError
+from app.services.foreseen_together import ForeseenTogether
+from app.services.proposals import Step
 from app.services.settings import Settings
 from app.services.studio import Studio, open_studio
 from app.simulation import simulate_job
@@ -93,11 +96,15 @@ def serve_with_workers(
 ) -> None:
     """Serve with several processes on one socket; one that dies is replaced. Logs are JSON."""
     logs.write_json()
-    # What each of them counts is put together from here, whichever is asked for it.
-    with tempfile.TemporaryDirectory(prefix="pbpo-metrics-") as folder:
+    # What each of them counts, and what each of them works out ahead, is found here by all.
+    with tempfile.TemporaryDirectory(prefix="pbpo-workers-") as folder:
         os.environ[measurements.SHARED_DIR] = folder
         config = _config(
-            partial(_worker, settings), settings, factory=True, log_config=None, workers=workers
+            partial(_worker, settings, Path(folder)),
+            settings,
+            factory=True,
+            log_config=None,
+            workers=workers,
         )
         # A worker that fits models on a busy machine may be slow to say that it lives.
         config.timeout_worker_healthcheck = 60
@@ -124,11 +131,12 @@ class _Workers(Multiprocess):
             mark_process_dead(pid)  # type: ignore[no-untyped-call]
 
 
-def _worker(settings: Settings) -> FastAPI:
+def _worker(settings: Settings, folder: Path) -> FastAPI:
     """The application of one worker, made in its own process."""
     logs.write_json()
     _expect_many()
-    app = _application(open_studio(settings))
+    foreseen: ForeseenTogether[Step] = ForeseenTogether(folder / "foreseen.sqlite3")
+    app = _application(open_studio(settings, foreseen=foreseen))
     told = threading.Event()
 
     def tell(before: Any, number: int, frame: FrameType | None) -> None:

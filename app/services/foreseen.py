@@ -75,6 +75,9 @@ class Foreseen(Generic[T]):
             self._forgotten |= seeds
         self.drop(seeds)
 
+    def close(self) -> None:
+        pass
+
     def _trial(self, seed: int) -> _Trial[T]:
         trial = self._trials.setdefault(seed, _Trial())
         self._trials.move_to_end(seed)

@@ -18,10 +18,11 @@ from .background import Background
 from .errors import ConflictError
 from .ethics import bundle_job
 from .fault_counts import FaultCounts
+from .foreseen_together import ForeseenTogether
 from .in_process import InProcess
 from .ledger import Ledger
 from .measurements import Measurements
-from .proposals import Proposer
+from .proposals import Proposer, Step
 from .recordings import Recordings
 from .settings import Settings
 from .tokens import new_seed
@@ -64,8 +65,12 @@ def open_studio(
     now: Callable[[], datetime] = utc_now,
     seed: Callable[[], int] = new_seed,
     background: Background | None = None,
+    foreseen: ForeseenTogether[Step] | None = None,
 ) -> Studio:
-    """Open the studio of `settings`, bringing its database to the newest schema."""
+    """Open the studio of `settings`, bringing its database to the newest schema.
+
+    foreseen: what is worked out ahead, where other processes serve the same people.
+    """
     # A fit takes some milliseconds on one processor, and several times that if every fit of every
     # evaluator tries to have them all.
     threadpool_limits(1, user_api="blas")
@@ -92,7 +97,7 @@ def open_studio(
         database=database,
         background=background,
         recordings=recordings,
-        proposer=Proposer(database, background, recordings.make_soon, measurements),
+        proposer=Proposer(database, background, recordings.make_soon, measurements, foreseen),
         measurements=measurements,
         ledger=Ledger(settings.ledger_path),
         now=now,

@@ -11,6 +11,7 @@ import pytest
 
 from app.main import create_app
 from app.services import forgetting, withdrawal
+from app.services.foreseen import Foreseen
 from app.services.proposals import TrialInHand
 from app.services.settings import Settings
 from app.services.studies import StudyInfo
@@ -39,7 +40,9 @@ def person(client: Api, learning_study: StudyInfo) -> Session:
 
 
 def histories(studio: Studio) -> dict[int, list[History]]:
-    kept = studio.proposer._foreseen._trials
+    foreseen = studio.proposer._foreseen
+    assert isinstance(foreseen, Foreseen)
+    kept = foreseen._trials
     return {seed: list(trial.after) for seed, trial in kept.items()}
 
 

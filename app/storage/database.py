@@ -46,7 +46,7 @@ class Database:
         self.engine = _engine(url)
         self._writing = threading.Lock()
         self._impatient = _impatient_engine(url) if self.is_sqlite else self.engine
-        self._readers = sessionmaker(self.engine, expire_on_commit=False)
+        self._readers = sessionmaker(_for_readers(self.engine), expire_on_commit=False)
         self._writers = _writers(self.engine)
         self._impatient_writers = _writers(self._impatient)
 
@@ -113,6 +113,13 @@ class Database:
     def close(self) -> None:
         for engine in (self.engine, self._impatient):
             engine.dispose()
+
+
+def _for_readers(engine: Engine) -> Engine:
+    """The engine, where a transaction sees one moment: SQLite's does by itself."""
+    if engine.dialect.name == "sqlite":
+        return engine
+    return engine.execution_options(isolation_level="REPEATABLE READ")
 
 
 def _writers(engine: Engine) -> sessionmaker[Session]:

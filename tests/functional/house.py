@@ -27,6 +27,8 @@ from .client import Api
 from .role_rules import BOB, JOB, Rule
 
 PASSWORD = "correct horse battery"
+#: Who is answered so is not let in, and changes nothing.
+REFUSED = (401, 403, 404)
 #: What stands in a path unless its rule says otherwise: a study that is there, and made-up ids.
 MADE_UP = {"slug": "short", "trial_index": 0, "form": "svg"}
 
@@ -121,6 +123,7 @@ class House:
 
     def as_it_was(self) -> None:
         """Everything as it was before anybody asked for anything."""
+        self._is_as_it_was = True
         self._databases.put_into(self._studio.settings.url, self._kept.rows)
         uploads = self._studio.settings.uploads_dir
         shutil.copytree(self._kept.uploads, uploads, dirs_exist_ok=True)
@@ -128,7 +131,7 @@ class House:
     def ask(self, caller: str, route: str, rule: Rule) -> httpx.Response:
         """What this caller is answered; nothing of it stays."""
         method, path = route.split(" ", 1)
-        if method != "GET":
+        if method != "GET" and not self._is_as_it_was:
             self.as_it_was()
         options: dict[str, object] = {"params": dict(rule.query)}
         if method == "POST" and not path.startswith("/api/"):
@@ -161,4 +164,7 @@ class House:
             self._client.cookies.set(session_cookie("short"), self._kept.evaluators[caller])
         if caller in self._kept.tokens:
             headers["Authorization"] = f"Bearer {self._kept.tokens[caller]}"
-        return self._client.request(method, path, headers=headers, **options)
+        answer = self._client.request(method, path, headers=headers, **options)
+        if method != "GET" and answer.status_code not in REFUSED:
+            self._is_as_it_was = False
+        return answer

@@ -121,23 +121,26 @@ def test_several_workers_serve_one_database_and_count_together(
         people = [Browser(served.url) for _ in range(6)]
         for person in people:
             person.to_first_query(served.url)
+            # Each call goes to either worker: what one has worked out ahead, the other knows.
+            until(lambda: person.look(served.url)["query"]["prefetch"], "it was worked out ahead")  # noqa: B023
             assert person.send(served.url, "responses", person.body("left")) == 200
 
-        def responses() -> float:
+        def counted(what: str) -> float:
             text = httpx.get(
                 f"{served.url}/metrics", headers={"Authorization": f"Bearer {TOKEN}"}
             ).text
             # Each number is there once, and is that of all workers.
             assert 'pid="' not in text
-            name = 'pbpo_responses_total{response="left"} '
             return sum(
-                float(line.removeprefix(name))
+                float(line.removeprefix(what))
                 for line in text.splitlines()
-                if line.startswith(name)
+                if line.startswith(what)
             )
 
         # Whichever worker is asked, it answers for both.
-        assert [responses() for _ in range(4)] == [6.0] * 4
+        assert [counted('pbpo_responses_total{response="left"} ') for _ in range(4)] == [6.0] * 4
+        assert counted('pbpo_steps_asked_total{worked_out="ahead"} ') == 6
+        assert counted('pbpo_steps_asked_total{worked_out="at once"} ') == 0
 
         # One that is killed is replaced, and nobody's answer is lost.
         os.kill(workers[0].pid, signal.SIGKILL)

@@ -54,6 +54,7 @@ def test_pages_and_files_are_the_same_whichever_rows_come_first(
 
     def go_otherwise(connection: Any, *_: Any) -> None:
         connection.execute(OTHERWISE[studio.database.engine.name]).close()
+        connection.commit()
 
     before = everything()
     event.listen(studio.database.engine, "checkout", go_otherwise)

@@ -99,8 +99,11 @@ def serve_with_workers(
     # What each of them counts, and what each of them works out ahead, is found here by all.
     with tempfile.TemporaryDirectory(prefix="pbpo-workers-") as folder:
         os.environ[measurements.SHARED_DIR] = folder
+        foreseen = Path(folder) / "foreseen.sqlite3"
+        # Made before anybody else opens it: of several who make it at once, some are refused.
+        ForeseenTogether[Step](foreseen).close()
         config = _config(
-            partial(_worker, settings, Path(folder)),
+            partial(_worker, settings, foreseen),
             settings,
             factory=True,
             log_config=None,
@@ -131,12 +134,11 @@ class _Workers(Multiprocess):
             mark_process_dead(pid)  # type: ignore[no-untyped-call]
 
 
-def _worker(settings: Settings, folder: Path) -> FastAPI:
+def _worker(settings: Settings, foreseen: Path) -> FastAPI:
     """The application of one worker, made in its own process."""
     logs.write_json()
     _expect_many()
-    foreseen: ForeseenTogether[Step] = ForeseenTogether(folder / "foreseen.sqlite3")
-    app = _application(open_studio(settings, foreseen=foreseen))
+    app = _application(open_studio(settings, foreseen=ForeseenTogether(foreseen)))
     told = threading.Event()
 
     def tell(before: Any, number: int, frame: FrameType | None) -> None:

@@ -106,6 +106,8 @@ class _Lasting(psycopg.Connection):
         return made
 
     def close(self) -> None:
+        # For how long its last owner waited.
+        vars(self).pop("wait", None)
         try:
             self.rollback()
             self.autocommit = False

@@ -6,11 +6,11 @@ half-way because somebody else wrote meanwhile.
 
 from __future__ import annotations
 
-import sqlite3
 import threading
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, Self
 
 from sqlalchemy import Connection, Engine, create_engine, event
 from sqlalchemy.engine import ExceptionContext, make_url
@@ -19,6 +19,7 @@ from sqlalchemy.exc import TimeoutError as WaitedTooLongError
 from sqlalchemy.orm import Session, sessionmaker
 
 from . import patience
+from .impatient import CONNECT_S, Impatient
 
 #: How long a writer waits for another before it gives up, in milliseconds.
 SQLITE_BUSY_TIMEOUT_MS = 15_000
@@ -28,27 +29,46 @@ SCRUB_TIMEOUT_MS = 2_000
 
 #: Connections of one process to PostgreSQL at the most: its server lets in 100 from all by default.
 POSTGRESQL_CONNECTIONS = 20
+#: Of these, connections of the server's event loop, which does not wait.
+_HURRIED = 2
 
 #: Execution option that marks a connection as one that will write.
 _WRITES = "pbpo_writes"
+
+
+@dataclass(frozen=True)
+class _Sessions:
+    """Of one engine: of those who read, and of those who write."""
+
+    of_readers: sessionmaker[Session]
+    of_writers: sessionmaker[Session]
+
+    @classmethod
+    def on(cls, engine: Engine) -> Self:
+        # Who reads sees one moment: on SQLite by itself.
+        is_sqlite = engine.dialect.name == "sqlite"
+        steady = {} if is_sqlite else {"isolation_level": "REPEATABLE READ"}
+        return cls(
+            sessionmaker(engine.execution_options(**steady), expire_on_commit=False),
+            sessionmaker(engine.execution_options(**{_WRITES: True}), expire_on_commit=False),
+        )
 
 
 class Database:
     """The door to one database. Hands out transactions, nothing else.
 
     `read()` and `write()` are context managers that yield an ORM session; leaving `write()`
-    normally commits, leaving it by an exception rolls back. For who does not wait
-    (`patience`), `write()` raises BusyError where SQLite has another writer.
+    normally commits, leaving it by an exception rolls back. For who does not wait (`patience`),
+    they raise NeedsPatienceError where they would: BusyError where somebody else writes.
     """
 
     def __init__(self, url: str) -> None:
         self.url = url
         self.engine = _engine(url)
         self._writing = threading.Lock()
-        self._impatient = _impatient_engine(url) if self.is_sqlite else self.engine
-        self._readers = sessionmaker(_for_readers(self.engine), expire_on_commit=False)
-        self._writers = _writers(self.engine)
-        self._impatient_writers = _writers(self._impatient)
+        self._patient = _Sessions.on(self.engine)
+        self._impatient = Impatient(_impatient_engine(url))
+        self._hurried = _Sessions.on(self._impatient.engine)
 
     @property
     def is_sqlite(self) -> bool:
@@ -56,19 +76,33 @@ class Database:
 
     @property
     def answers_at_once(self) -> bool:
-        """Whether no network lies between: all there is to wait for is another writer."""
-        return self.is_sqlite
+        """Whether who does not wait need not even ask for patience, most likely."""
+        return self._impatient.answers and self._impatient.is_near
 
     @contextmanager
     def read(self) -> Iterator[Session]:
-        with self._readers() as session:
+        with self._sessions().of_readers() as session, self._asked(session):
             yield session
 
     @contextmanager
     def write(self) -> Iterator[Session]:
-        writers = self._impatient_writers if patience.is_lacking() else self._writers
-        with self._in_turn(), writers.begin() as session:
-            yield session
+        with self._in_turn(), self._sessions().of_writers() as session:
+            with self._asked(session):
+                yield session
+            with self._asked(session, to_commit=True):
+                session.commit()
+
+    def _sessions(self) -> _Sessions:
+        return self._hurried if patience.is_lacking() else self._patient
+
+    @contextmanager
+    def _asked(self, session: Session, *, to_commit: bool = False) -> Iterator[None]:
+        if patience.is_lacking():
+            with self._impatient.asked(session, to_commit=to_commit):
+                yield
+        else:
+            yield
+            self._impatient.answers = True
 
     @contextmanager
     def _in_turn(self) -> Iterator[None]:
@@ -111,19 +145,8 @@ class Database:
             cursor.close()
 
     def close(self) -> None:
-        for engine in (self.engine, self._impatient):
+        for engine in (self.engine, self._impatient.engine):
             engine.dispose()
-
-
-def _for_readers(engine: Engine) -> Engine:
-    """The engine, where a transaction sees one moment: SQLite's does by itself."""
-    if engine.dialect.name == "sqlite":
-        return engine
-    return engine.execution_options(isolation_level="REPEATABLE READ")
-
-
-def _writers(engine: Engine) -> sessionmaker[Session]:
-    return sessionmaker(engine.execution_options(**{_WRITES: True}), expire_on_commit=False)
 
 
 def _engine(url: str) -> Engine:
@@ -131,8 +154,8 @@ def _engine(url: str) -> Engine:
     if make_url(url).get_backend_name() != "sqlite":
         engine = create_engine(
             url,
-            pool_size=POSTGRESQL_CONNECTIONS // 2,
-            max_overflow=POSTGRESQL_CONNECTIONS // 2,
+            pool_size=(POSTGRESQL_CONNECTIONS - _HURRIED) // 2,
+            max_overflow=(POSTGRESQL_CONNECTIONS - _HURRIED) // 2,
             # One that the server cut meanwhile is replaced, and nobody notices.
             pool_pre_ping=True,
             hide_parameters=True,
@@ -148,21 +171,19 @@ def _engine(url: str) -> Engine:
 
 
 def _impatient_engine(url: str) -> Engine:
-    """Where another program writes, SQLite says so at once."""
-    engine = _engine(url)
-    event.listen(engine, "connect", _wait_for_nobody)
-    event.listen(engine, "handle_error", _needs_patience)
+    if make_url(url).get_backend_name() == "sqlite":
+        return _engine(url)
+    engine = create_engine(
+        url,
+        pool_size=_HURRIED,
+        # It has nobody beside it to wait for. One that was cut meanwhile is no loss: who waits asks
+        # again.
+        max_overflow=-1,
+        connect_args={"connect_timeout": CONNECT_S},
+        hide_parameters=True,
+    )
+    event.listen(engine, "handle_error", _not_storable)
     return engine
-
-
-def _wait_for_nobody(connection: Any, _record: Any) -> None:
-    connection.execute("PRAGMA busy_timeout = 0").close()
-
-
-def _needs_patience(context: ExceptionContext) -> None:
-    refused = context.original_exception
-    if isinstance(refused, sqlite3.Error) and refused.sqlite_errorcode == sqlite3.SQLITE_BUSY:
-        raise patience.BusyError from None
 
 
 def _configure_sqlite(connection: Any, _record: Any) -> None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from datetime import datetime, timedelta
 
-from sqlalchemy import delete, select
+from sqlalchemy import delete, or_, select
 from sqlalchemy.orm import Session
 
 from app.storage.tables import Acquired, PreferenceRow, QueryRow, UndoneResponse
@@ -68,12 +68,13 @@ def _take_back(session: Session, query: QueryRow, now: datetime) -> None:
         )
     )
     query.response = None
-    for taught in (PreferenceRow, Acquired):
-        session.execute(
-            delete(taught).where(
-                taught.trial_id == query.trial_id, taught.query_index == query.query_index
-            )
-        )
+    here = query.query_index
+    # It is the last response: what was drawn from it is what skips before it had waited for.
+    taught = or_(PreferenceRow.query_index == here, PreferenceRow.drawn_from_query_index == here)
+    session.execute(delete(PreferenceRow).where(PreferenceRow.trial_id == query.trial_id, taught))
+    session.execute(
+        delete(Acquired).where(Acquired.trial_id == query.trial_id, Acquired.query_index == here)
+    )
 
 
 def _last_and_untouched(session: Session, query: QueryRow) -> QueryRow | None:

@@ -96,6 +96,27 @@ def test_only_the_last_response_can_be_taken_back(session: Session) -> None:
     assert session.call("undo", {"query_id": "another"}).status_code == 404
 
 
+def test_what_earlier_skips_had_taught_by_it_goes_with_it(
+    session: Session, studio: Studio
+) -> None:
+    from .test_checks import table
+
+    session.respond("skip")
+    # The skip waited for a first choice: this one says what is preferred over what it showed.
+    session.respond("left")
+    assert (table(studio, "preferences")["origin"] == "synthesis").sum() == 2
+    assert undo(session).status_code == 200
+    assert table(studio, "preferences").empty
+    session.respond("right")
+
+    queries, preferences = table(studio, "queries"), table(studio, "preferences")
+    assert preferences["preference_index"].to_list() == [0, 1, 2]
+    chosen = queries["right_candidate"][1]
+    assert preferences["winner"].to_list() == [chosen] * 3
+    passed_over = queries[["left_candidate", "right_candidate"]].loc[0]
+    assert set(preferences["loser"]) == {*passed_over, queries["left_candidate"][1]}
+
+
 def test_nobody_goes_back_by_two_responses(session: Session, studio: Studio, client: Api) -> None:
     from .test_checks import table
 

@@ -10,13 +10,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 
-from sqlalchemy import bindparam, func, select
 from sqlalchemy.orm import Session
 
 from app.pbbo import allows_skip
 from app.storage import patience
 from app.storage.insertion import insert_rows
-from app.storage.tables import Acquired, PreferenceRow, QueryRow, Response, SessionRow
+from app.storage.tables import Acquired, PreferenceRow, QueryRow, Response, SessionRow, Trial
 from app.study import protocol
 from app.study.protocol import Stage
 from app.study.stages import PRACTICE_INDEX
@@ -31,8 +30,8 @@ from .errors import (
     SkipNotOfferedError,
     SkipReasonError,
 )
-from .proposals import Step, TrialInHand
-from .queries import Happening
+from .proposals import NextQuery, Step, TrialInHand
+from .queries import Happening, Standing
 from .state import State
 from .studies import stored_plan
 from .studio import Studio
@@ -91,9 +90,10 @@ def _attempt(
         row = sessions.find(studio, session, token, to_write=True)
         query = queries.find(session, row, answer.query_id)
         if _is_new(row, query, answer):
-            lacking = _take(studio, session, row, query, answer, worked_out)
-            if lacking is not None:
-                return lacking
+            taken = _take(studio, session, row, query, answer, worked_out)
+            if isinstance(taken, _Lacking):
+                return taken
+            return session_state.describe(studio, session, row, taken)
         return session_state.describe(studio, session, row)
 
 
@@ -104,8 +104,11 @@ def _take(
     query: QueryRow,
     answer: Answer,
     worked_out: Mapping[History, Step],
-) -> _Lacking | None:
-    """Store a response and what follows it, if that is known."""
+) -> Standing | _Lacking | None:
+    """Store a response and what follows it, if that is known.
+
+    Where a next query of the trial follows, it says where the trial stands then.
+    """
     sessions.require_asked(row, query.query_index)
     trial = queries.trial_in_hand(row, query.trial.trial_index, query.trial.seed)
     if answer.response == "skip" and not allows_skip(trial.method):
@@ -129,12 +132,39 @@ def _take(
         _store_lessons(session, query, step, lessons(trial, record))
     if row.stage == Stage.QUERY and row.trial_index == query.trial.trial_index:
         assert coming is not None
-        asked_next = trials.query_columns(coming, now, trial_id=query.trial_id)
-        insert_rows(session, QueryRow, [asked_next])
-    else:
-        query.trial.ended_at = now
-        trials.arrive(studio, session, row)
+        return _ask(session, query.trial, coming, record, now)
+    query.trial.ended_at = now
+    trials.arrive(studio, session, row)
     return None
+
+
+def _ask(
+    session: Session, trial: Trial, coming: NextQuery, record: Record, now: datetime
+) -> Standing:
+    """Store the trial's next query. record: all that was answered before it."""
+    asked = trials.query_columns(coming, now, trial_id=trial.id)
+    insert_rows(session, QueryRow, [asked])
+    return Standing(
+        trial_id=trial.id,
+        trial_index=trial.trial_index,
+        environment=trial.environment,
+        seed=trial.seed,
+        public_id=asked["public_id"],
+        attempt=asked["attempt"],
+        asked=Shown(
+            query_index=coming.query_index,
+            trial_type=coming.trial_type,
+            left=coming.left_candidate,
+            right=coming.right_candidate,
+            left_recording=coming.left.id,
+            right_recording=coming.right.id,
+            acquisition=coming.acquisition,
+            engine_version=coming.engine_version,
+            repeats=coming.repeats,
+            response=None,
+        ),
+        record=record,
+    )
 
 
 def _move_on(
@@ -266,10 +296,13 @@ def _store_lessons(session: Session, query: QueryRow, step: Step, taught: Record
 
     The optimiser numbers the queries that it learnt from, `taught`; the trial numbers its places.
     """
-    known = session.scalar(_PREFERENCES, {"trial_id": query.trial_id})
+    last = len(taught) - 1
     preferences = []
-    for index, preference in enumerate(step.preferences[known:], start=known or 0):
+    for index, preference in enumerate(step.preferences):
         drawn = preference.drawn_from_query_index
+        if last not in (preference.query_index, drawn):
+            # An earlier response taught it.
+            continue
         preferences.append(
             {
                 "trial_id": query.trial_id,
@@ -291,9 +324,3 @@ def _store_lessons(session: Session, query: QueryRow, step: Step, taught: Record
             "posterior_std": step.acquired.std,
         }
         insert_rows(session, Acquired, [acquired])
-
-
-#: Made once: it is asked with every response.
-_PREFERENCES = select(func.count(PreferenceRow.id)).where(
-    PreferenceRow.trial_id == bindparam("trial_id")
-)

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from functools import lru_cache
 from typing import Any
 
-from sqlalchemy import bindparam, select
+from sqlalchemy import Select, bindparam, select
 from sqlalchemy.orm import Session, object_session
 
 from app.storage.tables import Event, PlanVersion, SessionRow
@@ -19,13 +19,19 @@ from .studies import stored_texts
 NO_TRIAL = -1
 
 
-#: Made once: it is asked with every request of an evaluator's.
-_NEWEST = (
-    select(PlanVersion.id)
-    .where(PlanVersion.study_id == bindparam("study_id"))
-    .order_by(PlanVersion.version.desc())
-    .limit(1)
-)
+def _newest_of(study_id: Any) -> Select[Any]:
+    return (
+        select(PlanVersion.id)
+        .where(PlanVersion.study_id == study_id)
+        .order_by(PlanVersion.version.desc())
+        .limit(1)
+    )
+
+
+# Made once: one of them is asked with every request of an evaluator's.
+_NEWEST = _newest_of(bindparam("study_id"))
+#: Of a session that is read, the newest version of its study's plan: `SessionRow.newest_plan_id`.
+NEWEST_OF_SESSION = _newest_of(SessionRow.study_id).correlate(SessionRow).scalar_subquery()
 
 
 @lru_cache(maxsize=256)
@@ -47,7 +53,8 @@ def due(session: Session, row: SessionRow) -> PlanVersion | None:
     """
     if row.stage in FINAL_STAGES:
         return None
-    newest = session.scalar(_NEWEST, {"study_id": row.study_id})
+    # Whoever looked a session up by its token has asked for it by the way.
+    newest = row.newest_plan_id or session.scalar(_NEWEST, {"study_id": row.study_id})
     if newest == row.plan_id:
         return None
     version = session.get_one(PlanVersion, newest)

@@ -36,6 +36,21 @@ class Happening:
     value: str | None
 
 
+@dataclass(frozen=True)
+class Standing:
+    """Where a trial stands: the query that is open, and what was answered before it."""
+
+    trial_id: int
+    trial_index: int
+    environment: str
+    seed: int
+    #: What the session's browser knows the open query as.
+    public_id: str
+    attempt: int
+    asked: Shown
+    record: Record
+
+
 def trial_seed(row: SessionRow, trial_index: int) -> int:
     """Seed of one of the session's trials, or of its practice: 48 bits."""
     own = _PRACTICE_SEED if trial_index == PRACTICE_INDEX else trial_index
@@ -71,15 +86,33 @@ def find(session: Session, row: SessionRow, public_id: str) -> QueryRow:
     return query
 
 
-def standing_at(session: Session, row: SessionRow, trial_index: int, query_index: int) -> QueryRow:
-    """The query at this place of the session that was not set aside, with its trial."""
-    place = {"session_id": row.id, "trial_index": trial_index, "query_index": query_index}
-    return session.scalars(_STANDING_AT, place).one()
+def standing(session: Session, row: SessionRow, trial_index: int) -> Standing:
+    """Where the trial stands that the session is in: its practice, or one of its plan."""
+    found = _STANDING.read(session, {"session_id": row.id, "trial_index": trial_index})
+    *before, last = sorted(found, key=lambda one: one[_PLACE])
+    trial_id, environment, seed, public_id, attempt, *asked = last
+    return Standing(
+        trial_id=trial_id,
+        trial_index=trial_index,
+        environment=environment,
+        seed=seed,
+        public_id=public_id,
+        attempt=attempt,
+        asked=Shown(*asked),
+        record=tuple(Shown(*answered[_PLACE:]) for answered in before),
+    )
 
 
-def was_undone(session: Session, query: QueryRow) -> bool:
+def answered_before(session: Session, standing: Standing) -> QueryRow | None:
+    """The query just before the open one, with its response; None if there is none."""
+    place = {"trial_id": standing.trial_id, "query_index": standing.asked.query_index - 1}
+    return session.scalar(_ANSWERED, place)
+
+
+def was_undone(session: Session, public_id: str) -> bool:
     """Whether a response to this query was ever taken back."""
-    found = select(UndoneResponse.id).where(UndoneResponse.query_id == query.id).limit(1)
+    query_id = select(QueryRow.id).where(QueryRow.public_id == public_id).scalar_subquery()
+    found = select(UndoneResponse.id).where(UndoneResponse.query_id == query_id).limit(1)
     return session.scalar(found) is not None
 
 
@@ -150,16 +183,27 @@ _FIND = (
     )
     .options(contains_eager(QueryRow.trial), joinedload(QueryRow.response))
 )
-_STANDING_AT = (
+_ANSWERED = (
     select(QueryRow)
-    .join(Trial, QueryRow.trial_id == Trial.id)
+    .join(QueryRow.response)
+    .where(
+        QueryRow.trial_id == bindparam("trial_id"), QueryRow.query_index == bindparam("query_index")
+    )
+    .options(contains_eager(QueryRow.response))
+)
+#: What comes before a query as it was shown, in the rows of a trial that stands.
+_OF_TRIAL: tuple[Any, ...] = (Trial.id, Trial.environment, Trial.seed)
+_OF_QUERY: tuple[Any, ...] = (QueryRow.public_id, QueryRow.attempt)
+_PLACE = len(_OF_TRIAL) + len(_OF_QUERY)
+_STANDING = AsOneRow(
+    select(*_OF_TRIAL, *_OF_QUERY, *_SHOWN, Response.response)
+    .join(QueryRow, QueryRow.trial_id == Trial.id)
+    .outerjoin(Response, Response.query_id == QueryRow.id)
     .where(
         Trial.session_id == bindparam("session_id"),
         Trial.trial_index == bindparam("trial_index"),
-        QueryRow.query_index == bindparam("query_index"),
         QueryRow.set_aside_at.is_(None),
     )
-    .options(contains_eager(QueryRow.trial))
 )
 _RECORD = AsOneRow(
     select(*_SHOWN, Response.response)

@@ -6,7 +6,7 @@ from typing import Any
 
 from sqlalchemy.orm import Session
 
-from app.storage.tables import QueryRow, SessionRow
+from app.storage.tables import SessionRow
 from app.study.checks import Kind
 from app.study.plan import Condition, Plan
 from app.study.protocol import Stage
@@ -15,30 +15,37 @@ from app.study.stages import PRACTICE_INDEX
 from . import practice, queries
 from .course import check_at, kind_at, learned, teaches
 from .proposals import NextQuery, TrialInHand
+from .queries import Standing
 from .studies import stored_plan
 from .studio import Studio
 
 
-def describe(studio: Studio, session: Session, row: SessionRow) -> dict[str, Any]:
-    """The open query of STATE. What a study does not ask for is not in it."""
+def describe(
+    studio: Studio, session: Session, row: SessionRow, known: Standing | None = None
+) -> dict[str, Any]:
+    """The open query of STATE. What a study does not ask for is not in it.
+
+    known: where the trial stands, if whoever asks has just brought it there.
+    """
     plan = stored_plan(row.plan)
     practising = row.stage == Stage.PRACTICE
     trial_index = PRACTICE_INDEX if practising else row.trial_index
-    query = queries.standing_at(session, row, trial_index, row.query_index)
-    space = studio.proposer.space(row.study_id, query.trial.environment)
+    trial = known or queries.standing(session, row, trial_index)
+    query = trial.asked
+    space = studio.proposer.space(row.study_id, trial.environment)
     condition = plan.conditions[row.trial_conditions[row.trial_index]]
-    coming = _coming(studio, session, row, query)
+    coming = _coming(studio, row, trial)
     clips = [clip for following in coming for clip in (following.left, following.right)]
     state: dict[str, Any] = {
-        "id": query.public_id,
-        "left": video(space.clip(query.left_candidate, query.left_recording_id)),
-        "right": video(space.clip(query.right_candidate, query.right_recording_id)),
+        "id": trial.public_id,
+        "left": video(space.clip(query.left, query.left_recording)),
+        "right": video(space.clip(query.right, query.right_recording)),
         "skip": skip_of(plan, condition, row.language),
         "prefetch": list(dict.fromkeys(video_url(clip.public_id) for clip in clips)),
     }
     if practising:
         state["practice"] = True
-    if undo := _undo(studio, session, row, query):
+    if undo := _undo(studio, session, row, trial):
         state["undo"] = undo
     if plan.query.watch_once:
         state["watch_once"] = True
@@ -46,17 +53,17 @@ def describe(studio: Studio, session: Session, row: SessionRow) -> dict[str, Any
 
 
 def _undo(
-    studio: Studio, session: Session, row: SessionRow, query: QueryRow
+    studio: Studio, session: Session, row: SessionRow, trial: Standing
 ) -> dict[str, str | float] | None:
     """What the page of the open query says of undoing the response before it, while it may."""
     undo_s = stored_plan(row.plan).query.undo_s
-    if not undo_s or query.query_index == 0 or query.attempt > 0:
+    if not undo_s or trial.attempt > 0:
         return None
-    before = queries.standing_at(session, row, query.trial.trial_index, query.query_index - 1)
-    if before.response is None:
+    before = queries.answered_before(session, trial)
+    if before is None or before.response is None:
         return None
     left = undo_s - (studio.now() - before.response.answered_at).total_seconds()
-    if left <= 0 or queries.was_undone(session, query):
+    if left <= 0 or queries.was_undone(session, trial.public_id):
         return None
     return {"query_id": before.public_id, "seconds_left": round(left, 1)}
 
@@ -83,17 +90,17 @@ def skip_of(plan: Plan, condition: Condition, language: str) -> dict[str, Any] |
     return state
 
 
-def _coming(studio: Studio, session: Session, row: SessionRow, query: QueryRow) -> list[NextQuery]:
+def _coming(studio: Studio, row: SessionRow, trial: Standing) -> list[NextQuery]:
     """What may come next, the likeliest first, as far as it is worked out."""
-    in_hand = queries.trial_in_hand(row, query.trial.trial_index, query.trial.seed)
-    if query.trial.trial_index == PRACTICE_INDEX:
+    in_hand = queries.trial_in_hand(row, trial.trial_index, trial.seed)
+    if trial.trial_index == PRACTICE_INDEX:
         return [_after_practice(studio, row, in_hand)]
-    record = queries.read_record(session, query.trial_id)
+    record, query = trial.record, trial.asked
     kind = kind_at(in_hand, query.query_index + 1)
     if kind is None:
         return []
     history = learned(in_hand, record)
-    pair = (query.left_candidate, query.right_candidate)
+    pair = (query.left, query.right)
     coming = []
     if teaches(in_hand, query.trial_type):
         coming = studio.proposer.upcoming(in_hand, history, pair)

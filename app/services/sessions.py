@@ -26,11 +26,14 @@ def find(
 ) -> SessionRow:
     """The session of this token. Raises SignInRequiredError, or SessionExpiredError."""
     hashed = {"hashed": secret_hash(token)}
-    row = session.scalar(_TO_WRITE if to_write else _TO_READ, hashed)
-    if row is None:
-        row = session.scalar(_CAME_BACK_TO_WRITE if to_write else _CAME_BACK_TO_READ, hashed)
-    if row is None:
+    found = session.execute(_TO_WRITE if to_write else _TO_READ, hashed).first()
+    if found is None:
+        came_back = _CAME_BACK_TO_WRITE if to_write else _CAME_BACK_TO_READ
+        found = session.execute(came_back, hashed).first()
+    if found is None:
         raise SignInRequiredError("expected the token of a session, got one that nobody was given")
+    row: SessionRow = found[0]
+    row.newest_plan_id = found[1]
     open_still = row.stage not in session_state.ENDED
     if open_still and not even_expired and studio.now() >= row.expires_at:
         raise SessionExpiredError(
@@ -61,7 +64,7 @@ def advance(studio: Studio, row: SessionRow, event: protocol.Event) -> None:
 
 # Made once: what is asked with every request takes as long to be put together as to be answered.
 # Plans and texts, which are long, are known by their hash.
-_WITH_ITS_STUDY = select(SessionRow).options(
+_WITH_ITS_STUDY = select(SessionRow, consents.NEWEST_OF_SESSION).options(
     joinedload(SessionRow.plan).load_only(
         PlanVersion.study_id, PlanVersion.version, PlanVersion.plan_hash
     ),

@@ -24,6 +24,7 @@ from app.study.protocol import (
 )
 
 from . import consents, playlist, query_state, recruitment
+from .queries import Standing
 from .studies import plan_of, stored_plan, stored_texts
 from .studio import Studio
 
@@ -33,8 +34,13 @@ State = dict[str, Any]
 ENDED = tuple(stage.value for stage in FINAL_STAGES)
 
 
-def describe(studio: Studio, session: Session, row: SessionRow) -> State:
-    """STATE, as the contract has it, of a session."""
+def describe(
+    studio: Studio, session: Session, row: SessionRow, trial: Standing | None = None
+) -> State:
+    """STATE, as the contract has it, of a session.
+
+    trial: where the trial with the open query stands, if whoever asks has just brought it there.
+    """
     plan = stored_plan(row.plan)
     progress = read_progress(row)
     state: State = {
@@ -67,7 +73,7 @@ def describe(studio: Studio, session: Session, row: SessionRow) -> State:
                 "speeds": list(plan.familiarisation.speeds),
             }
         case Stage.PRACTICE | Stage.QUERY:
-            state["query"] = query_state.describe(studio, session, row)
+            state["query"] = query_state.describe(studio, session, row, trial)
         case Stage.QUESTIONNAIRE:
             state["questionnaire"] = _questionnaire(plan, progress.query_index, row.language)
         case Stage.BREAK:

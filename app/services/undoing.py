@@ -35,7 +35,7 @@ def undo(studio: Studio, token: str, query_id: str) -> State:
         row = sessions.find(studio, session, token, to_write=True)
         query = queries.find(session, row, query_id)
         if query.response is None:
-            if queries.was_undone(session, query):
+            if queries.was_undone(session, query.public_id):
                 return session_state.describe(studio, session, row)
             raise TooLateToUndoError("expected an answered query, got an open one", row.stage)
         now = studio.now()
@@ -84,7 +84,11 @@ def _last_and_untouched(session: Session, query: QueryRow) -> QueryRow | None:
             QueryRow.trial_id == query.trial_id, QueryRow.query_index > query.query_index
         )
     ).all()
-    if len(after) != 1 or after[0].response is not None or queries.was_undone(session, after[0]):
+    if (
+        len(after) != 1
+        or after[0].response is not None
+        or queries.was_undone(session, after[0].public_id)
+    ):
         # With the query would go what is kept of it: a response that was taken back before.
         return None
     return after[0]

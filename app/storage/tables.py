@@ -213,6 +213,9 @@ class SessionRow(Base):
     last_seen_at: Mapped[datetime]
     ended_at: Mapped[datetime | None]
     expires_at: Mapped[datetime]
+    # No column: the newest version of the study's plan, where whoever read the row has asked.
+    newest_plan_id: int | None = None
+    __allow_unmapped__ = True
 
     study: Mapped[Study] = relationship()
     plan: Mapped[PlanVersion] = relationship()

@@ -96,9 +96,7 @@ def test_only_the_last_response_can_be_taken_back(session: Session) -> None:
     assert session.call("undo", {"query_id": "another"}).status_code == 404
 
 
-def test_what_earlier_skips_had_taught_by_it_goes_with_it(
-    session: Session, studio: Studio
-) -> None:
+def test_what_earlier_skips_had_taught_by_it_goes_with_it(session: Session, studio: Studio) -> None:
     from .test_checks import table
 
     session.respond("skip")

@@ -35,8 +35,9 @@ SLOW = ("fsync", "synchronous_commit", "full_page_writes")
 #: After how many uses of a database on PostgreSQL deleted rows are cleared away.
 USES = 10
 
-#: Connections that a process keeps for who comes next; a server lets in 100.
-LEFT = 40
+#: Connections that a process keeps for who comes next; a server lets in 100, of which a few tests
+#: with servers of their own take some thirty, and each database in use one.
+LEFT = 20
 
 #: More statements than all tests together have.
 STATEMENTS = 10_000

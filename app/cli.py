@@ -309,7 +309,7 @@ def media_render(
 
 @app.command()
 def replay(slug: Slug, data_dir: DataDir = None) -> None:
-    """Work every trial out again from what is stored; exit 1 if any query comes out otherwise."""
+    """Work every trial out again from the responses; exit 1 if anything comes out otherwise."""
     from app.services.replay import replay as replay_study
 
     different = queries = trials = 0
@@ -319,9 +319,9 @@ def replay(slug: Slug, data_dir: DataDir = None) -> None:
         different += len(trial.differences)
         for difference in trial.differences:
             out.print(
-                f"{trial.session_id} trial {trial.trial_index} ({trial.condition}) query "
-                f"{difference.query_index}: stored {difference.stored}, "
-                f"proposed {difference.proposed}"
+                f"{trial.session_id} trial {trial.trial_index} ({trial.condition}) "
+                f"{difference.what}: stored {difference.stored}, "
+                f"worked out {difference.worked_out}"
             )
     out.print(f"{trials} trials, {queries} queries replayed; {different} came out otherwise.")
     raise Exit(1 if different else 0)

@@ -15,12 +15,12 @@ from sqlalchemy.orm import Session
 from app.pbbo import allows_skip
 from app.storage import patience
 from app.storage.insertion import insert_rows
-from app.storage.tables import Acquired, PreferenceRow, QueryRow, Response, SessionRow, Trial
+from app.storage.tables import QueryRow, Response, SessionRow, Trial
 from app.study import protocol
 from app.study.protocol import Stage
 from app.study.stages import PRACTICE_INDEX
 
-from . import queries, sessions, trials
+from . import queries, sessions, teachings, trials
 from . import state as session_state
 from .course import Record, Shown, following, learned, lessons, replacement, teaches
 from .errors import (
@@ -129,7 +129,7 @@ def _take(
     coming = following(space, trial, record, step)
     _move_on(studio, session, row, query, answer, now)
     if teaches(trial, query.trial_type):
-        _store_lessons(session, query, step, lessons(trial, record))
+        teachings.store(session, query, step, lessons(trial, record))
     if row.stage == Stage.QUERY and row.trial_index == query.trial.trial_index:
         assert coming is not None
         return _ask(session, query.trial, coming, record, now)
@@ -289,38 +289,3 @@ def _shown(query: QueryRow, response: str) -> Shown:
         repeats=query.repeats_query_index,
         response=response,
     )
-
-
-def _store_lessons(session: Session, query: QueryRow, step: Step, taught: Record) -> None:
-    """Store what the response taught: the preferences that are new, and w_acq.
-
-    The optimiser numbers the queries that it learnt from, `taught`; the trial numbers its places.
-    """
-    last = len(taught) - 1
-    preferences = []
-    for index, preference in enumerate(step.preferences):
-        drawn = preference.drawn_from_query_index
-        if last not in (preference.query_index, drawn):
-            # An earlier response taught it.
-            continue
-        preferences.append(
-            {
-                "trial_id": query.trial_id,
-                "preference_index": index,
-                "winner": preference.winner,
-                "loser": preference.loser,
-                "origin": preference.origin,
-                "query_index": taught[preference.query_index].query_index,
-                "drawn_from_query_index": None if drawn is None else taught[drawn].query_index,
-            }
-        )
-    insert_rows(session, PreferenceRow, preferences)
-    if step.acquired is not None:
-        acquired = {
-            "trial_id": query.trial_id,
-            "query_index": query.query_index,
-            "candidate": step.acquired.candidate,
-            "posterior_mean": step.acquired.mean,
-            "posterior_std": step.acquired.std,
-        }
-        insert_rows(session, Acquired, [acquired])

@@ -1,29 +1,35 @@
-"""A study's trials worked out again from what was stored: does every query come out alike?"""
+"""A study's trials worked out again from what was stored: does everything come out alike?"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 from sqlalchemy import select
 from sqlalchemy.orm import Session, selectinload
 
-from app.storage.tables import SessionRow, Trial
+from app.storage.tables import Acquired, PreferenceRow, QueryRow, SessionRow, Trial
 from app.study.stages import PRACTICE_INDEX
 
 from . import queries, studies
-from .course import following, learned
-from .proposals import work_out
+from .course import following, learned, lessons, teaches
+from .proposals import NextQuery, work_out
 from .studio import Studio
+from .teachings import preferences
 
 
 @dataclass(frozen=True)
 class Difference:
-    """A stored query that the optimiser would not propose today."""
+    """Something stored that does not come out of the responses today.
 
-    query_index: int
-    stored: tuple[int, int, int, int]
-    proposed: tuple[int, int, int, int]
+    what: a query (candidates and recordings, left and right), the candidate that was acquired after
+    one, or the trial's preferences (index, winner, loser, origin, queries; those that differ).
+    """
+
+    what: str
+    stored: tuple[Any, ...]
+    worked_out: tuple[Any, ...]
 
 
 @dataclass(frozen=True)
@@ -38,7 +44,7 @@ class Replayed:
 
 
 def replay(studio: Studio, slug: str) -> Iterator[Replayed]:
-    """Replay every trial of a study, query by query, from candidates, history and seed alone."""
+    """Replay every trial of a study, query by query, from candidates, responses and seed alone."""
     study = studies.find(studio, slug)
     with studio.database.read() as session:
         stored = session.scalars(
@@ -62,25 +68,56 @@ def _differences(studio: Studio, session: Session, trial: Trial) -> Iterator[Dif
     in_hand = queries.trial_in_hand(trial.session, trial.trial_index, trial.seed)
     space = studio.proposer.space(in_hand.study_id, in_hand.environment)
     record = queries.read_record(session, trial.id)
-    for query in trial.queries:
-        if query.attempt > 0:
-            # What took the place of a video that did not play depends on which ones could be had.
-            continue
-        before = record[: query.query_index]
+    # What took the place of a video that did not play depends on which ones could be had.
+    asked = {query.query_index: query for query in trial.queries if query.attempt == 0}
+    acquired = _acquired(session, trial)
+    for place in range(len(record) + 1):
+        before = record[:place]
         step = work_out(space, in_hand, learned(in_hand, before))
-        proposal = following(space, in_hand, before, step)
-        assert proposal is not None
-        stored = (
-            query.left_candidate,
-            query.right_candidate,
-            query.left_recording_id,
-            query.right_recording_id,
-        )
-        proposed = (
-            proposal.left_candidate,
-            proposal.right_candidate,
-            proposal.left.id,
-            proposal.right.id,
-        )
-        if stored != proposed:
-            yield Difference(query.query_index, stored, proposed)
+        if place > 0 and teaches(in_hand, before[-1].trial_type):
+            stored, found = acquired.get(place - 1), step.acquired and step.acquired.candidate
+            if stored != found:
+                yield Difference(f"acquired after query {place - 1}", (stored,), (found,))
+        if place in asked:
+            proposal = following(space, in_hand, before, step)
+            assert proposal is not None
+            was, would_be = _shown(asked[place]), _proposed(proposal)
+            if was != would_be:
+                yield Difference(f"query {place}", was, would_be)
+    kept = _preferences(session, trial)
+    taught = {tuple(row.values()) for row in preferences(step, lessons(in_hand, record))}
+    if kept != taught:
+        yield Difference("preferences", tuple(sorted(kept - taught)), tuple(sorted(taught - kept)))
+
+
+def _acquired(session: Session, trial: Trial) -> dict[int, int]:
+    columns = (Acquired.query_index, Acquired.candidate)
+    rows = session.execute(select(*columns).where(Acquired.trial_id == trial.id))
+    return {row.query_index: row.candidate for row in rows}
+
+
+def _preferences(session: Session, trial: Trial) -> set[tuple[Any, ...]]:
+    rows = session.execute(
+        select(
+            PreferenceRow.preference_index,
+            PreferenceRow.winner,
+            PreferenceRow.loser,
+            PreferenceRow.origin,
+            PreferenceRow.query_index,
+            PreferenceRow.drawn_from_query_index,
+        ).where(PreferenceRow.trial_id == trial.id)
+    )
+    return {tuple(row) for row in rows}
+
+
+def _shown(query: QueryRow) -> tuple[int, ...]:
+    return (
+        query.left_candidate,
+        query.right_candidate,
+        query.left_recording_id,
+        query.right_recording_id,
+    )
+
+
+def _proposed(query: NextQuery) -> tuple[int, ...]:
+    return (query.left_candidate, query.right_candidate, query.left.id, query.right.id)

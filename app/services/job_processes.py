@@ -10,7 +10,7 @@ from functools import partial
 from multiprocessing.context import SpawnProcess
 from typing import Any
 
-from .own_processes import end_with_parent, log_fault
+from .own_processes import log_fault, yield_to_pages
 
 
 class JobProcesses:
@@ -81,5 +81,5 @@ class JobProcesses:
 
 
 def _as_worker(function: Callable[..., None], args: tuple[Any, ...]) -> None:
-    end_with_parent()
+    yield_to_pages()
     function(*args)

@@ -1,4 +1,4 @@
-"""What every process that works for a server keeps to: it yields, and it leaves with its server."""
+"""What every process that works for a server keeps to: it leaves with its server, and may yield."""
 
 from __future__ import annotations
 
@@ -26,7 +26,11 @@ def end_with_parent() -> None:
     threading.Thread(target=watch, daemon=True).start()
     # Ctrl+C reaches the whole group of processes: it is the server's to answer.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    # A video for later must never take the processor from a page that is asked for now.
+
+
+def yield_to_pages() -> None:
+    """As `end_with_parent`, for work that must never take the processor from a page."""
+    end_with_parent()
     os.nice(10)
 
 

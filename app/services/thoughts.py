@@ -127,6 +127,7 @@ class Elsewhere:
 
 
 def _begin() -> None:
+    # It yields to nobody: what is not thought in time is asked for again and again, and costs more.
     end_with_parent()
     # As in the server: one fit, one processor.
     threadpool_limits(1, user_api="blas")

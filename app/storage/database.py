@@ -32,6 +32,16 @@ POSTGRESQL_CONNECTIONS = 20
 #: Of these, connections of the server's event loop, which does not wait.
 _HURRIED = 2
 
+#: When a PostgreSQL server is given up whose machine or network is gone, in libpq's terms; the
+#: system would wait for a quarter of an hour. What the URL says of them goes first.
+_GIVEN_UP = {
+    "connect_timeout": 10,
+    "keepalives_idle": 10,
+    "keepalives_interval": 5,
+    "keepalives_count": 3,
+    "tcp_user_timeout": 20_000,
+}
+
 #: Execution option that marks a connection as one that will write.
 _WRITES = "pbpo_writes"
 
@@ -158,6 +168,7 @@ def _engine(url: str) -> Engine:
             max_overflow=(POSTGRESQL_CONNECTIONS - _HURRIED) // 2,
             # One that the server cut meanwhile is replaced, and nobody notices.
             pool_pre_ping=True,
+            connect_args=_given_up(url),
             hide_parameters=True,
         )
         event.listen(engine, "handle_error", _not_storable)
@@ -179,11 +190,16 @@ def _impatient_engine(url: str) -> Engine:
         # It has nobody beside it to wait for. One that was cut meanwhile is no loss: who waits asks
         # again.
         max_overflow=-1,
-        connect_args={"connect_timeout": CONNECT_S},
+        connect_args={**_given_up(url), "connect_timeout": CONNECT_S},
         hide_parameters=True,
     )
     event.listen(engine, "handle_error", _not_storable)
     return engine
+
+
+def _given_up(url: str) -> dict[str, int]:
+    own = make_url(url).query
+    return {name: value for name, value in _GIVEN_UP.items() if name not in own}
 
 
 def _configure_sqlite(connection: Any, _record: Any) -> None:

@@ -11,7 +11,8 @@ import signal
 import sqlite3
 import threading
 from collections import Counter
-from contextlib import closing
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
 from functools import partial
 from itertools import count
 from pathlib import Path
@@ -269,6 +270,19 @@ class PostgresServer:
     def start(self) -> None:
         """Start it again; it recovers by itself."""
         self._server.ensure_postgres_running()
+
+    @contextmanager
+    def silent(self) -> Iterator[None]:
+        """Within this, nothing of the server moves, though every connection stays open."""
+        server = psutil.Process(self.pid)
+        processes = [server, *server.children(recursive=True)]
+        for process in processes:
+            process.suspend()
+        try:
+            yield
+        finally:
+            for process in processes:
+                process.resume()
 
     def close(self) -> None:
         self._hang_up()

@@ -19,7 +19,8 @@ from sqlalchemy.exc import TimeoutError as WaitedTooLongError
 from sqlalchemy.orm import Session, sessionmaker
 
 from . import patience
-from .impatient import CONNECT_S, Impatient
+from .commits import commit
+from .impatient import Impatient
 
 #: How long a writer waits for another before it gives up, in milliseconds.
 SQLITE_BUSY_TIMEOUT_MS = 15_000
@@ -29,7 +30,7 @@ SCRUB_TIMEOUT_MS = 2_000
 
 #: Connections of one process to PostgreSQL at the most: its server lets in 100 from all by default.
 POSTGRESQL_CONNECTIONS = 20
-#: Of these, connections of the server's event loop, which does not wait.
+#: Of these, connections of the server's event loop, which does not wait: one read within a write.
 _HURRIED = 2
 
 #: When a PostgreSQL server is given up whose machine or network is gone, in libpq's terms; the
@@ -68,8 +69,9 @@ class Database:
     """The door to one database. Hands out transactions, nothing else.
 
     `read()` and `write()` are context managers that yield an ORM session; leaving `write()`
-    normally commits, leaving it by an exception rolls back. For who does not wait (`patience`),
-    they raise NeedsPatienceError where they would: BusyError where somebody else writes.
+    normally commits, leaving it by an exception rolls back; where a server is lost in the middle of
+    that, it raises CommitLostError. For who does not wait (`patience`), both raise
+    NeedsPatienceError where they would: BusyError where somebody else writes.
     """
 
     def __init__(self, url: str) -> None:
@@ -77,7 +79,7 @@ class Database:
         self.engine = _engine(url)
         self._writing = threading.Lock()
         self._patient = _Sessions.on(self.engine)
-        self._impatient = Impatient(_impatient_engine(url))
+        self._impatient = Impatient(_impatient_engine(url), _HURRIED)
         self._hurried = _Sessions.on(self._impatient.engine)
 
     @property
@@ -87,32 +89,36 @@ class Database:
     @property
     def answers_at_once(self) -> bool:
         """Whether who does not wait need not even ask for patience, most likely."""
-        return self._impatient.answers and self._impatient.is_near
+        return self._impatient.is_asked
 
     @contextmanager
     def read(self) -> Iterator[Session]:
-        with self._sessions().of_readers() as session, self._asked(session):
+        with self._asked(self._sessions().of_readers()) as session:
             yield session
 
     @contextmanager
     def write(self) -> Iterator[Session]:
-        with self._in_turn(), self._sessions().of_writers() as session:
-            with self._asked(session):
-                yield session
-            with self._asked(session, to_commit=True):
-                session.commit()
+        with self._in_turn(), self._asked(self._sessions().of_writers()) as session:
+            yield session
+            session.flush()
+            commit(session)
 
     def _sessions(self) -> _Sessions:
         return self._hurried if patience.is_lacking() else self._patient
 
     @contextmanager
-    def _asked(self, session: Session, *, to_commit: bool = False) -> Iterator[None]:
+    def _asked(self, session: Session) -> Iterator[Session]:
         if patience.is_lacking():
-            with self._impatient.asked(session, to_commit=to_commit):
-                yield
+            with session, self._impatient.asked(session):
+                try:
+                    yield session
+                finally:
+                    # Here and not when it is closed: the server is asked for that, too.
+                    session.rollback()
         else:
-            yield
-            self._impatient.answers = True
+            with session:
+                yield session
+            self._impatient.answered()
 
     @contextmanager
     def _in_turn(self) -> Iterator[None]:
@@ -187,10 +193,11 @@ def _impatient_engine(url: str) -> Engine:
     engine = create_engine(
         url,
         pool_size=_HURRIED,
+        pool_use_lifo=True,
         # It has nobody beside it to wait for. One that was cut meanwhile is no loss: who waits asks
         # again.
         max_overflow=-1,
-        connect_args={**_given_up(url), "connect_timeout": CONNECT_S},
+        connect_args=_given_up(url),
         hide_parameters=True,
     )
     event.listen(engine, "handle_error", _not_storable)

@@ -16,6 +16,7 @@ from starlette.exceptions import HTTPException
 
 from app.services import errors, uploads
 from app.services.studio import Studio
+from app.storage.commits import CommitLostError
 from app.study import protocol
 
 from . import languages
@@ -111,7 +112,8 @@ _MEANINGS = {
     413: "The body is too long.",
     422: "Not understood.",
     429: "Too many at once: `Retry-After` says when to come back.",
-    503: "The database could not be used, and nothing was changed: the same again may succeed.",
+    503: "The database could not be used. Nothing was changed, or, where `type` ends in"
+    " `outcome-unknown`, all or nothing: look, and send the same again.",
 }
 #: What any call may come to, and any that takes a body besides.
 _ALWAYS, _WITH_BODY = (422, 503), (400, 403, 413)
@@ -137,6 +139,7 @@ def install(app: FastAPI) -> None:
     app.add_exception_handler(DataError, _not_storable)
     for failure in (OperationalError, WaitedTooLongError):
         app.add_exception_handler(failure, _out_of_order)
+    app.add_exception_handler(CommitLostError, _outcome_unknown)
     app.add_exception_handler(HTTPException, _http_error)
 
 
@@ -220,6 +223,14 @@ async def _out_of_order(request: Request, error: Exception) -> Response:
     log.error("the database failed", exc_info=error)
     kind = Kind(503, "unavailable", "Not possible just now")
     return _answer(request, kind, "the database could not be used; nothing was changed")
+
+
+async def _outcome_unknown(request: Request, error: Exception) -> Response:
+    """The database was lost while it stored what was sent: all of it is there, or nothing."""
+    log.error("the database was lost at a commit", exc_info=error)
+    kind = Kind(503, "outcome-unknown", "Perhaps done")
+    detail = "the database was lost while it stored this: look whether it did, or send it again"
+    return _answer(request, kind, detail)
 
 
 async def _http_error(request: Request, error: Exception) -> Response:

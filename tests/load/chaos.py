@@ -18,6 +18,7 @@ from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
+import httpx
 import numpy as np
 
 from app.services.settings import Settings
@@ -87,6 +88,20 @@ async def database_stopped(scene: Scene) -> None:
     await scene.answers()
 
 
+async def database_silent(scene: Scene) -> None:
+    """PostgreSQL says nothing for 20 s. The server waits for it, and for nothing else."""
+    assert scene.postgres is not None
+    for _ in range(max(scene.times // 20, 1)):
+        await scene.answers()
+        with scene.postgres.silent():
+            await asyncio.sleep(5)
+            for _ in range(5):
+                async with httpx.AsyncClient(base_url=scene.server.url, timeout=2) as client:
+                    (await client.get("/healthz")).raise_for_status()
+                await asyncio.sleep(3)
+        await scene.answers()
+
+
 async def disk_full(scene: Scene) -> None:
     """No file of the server's may grow for some seconds."""
     for _ in range(max(scene.times // 20, 1)):
@@ -137,7 +152,7 @@ async def clock_back(scene: Scene) -> None:
 
 
 SQLITE: tuple[Break, ...] = (killed, ended, disk_full, locked, videos_gone, clock_back)
-POSTGRESQL: tuple[Break, ...] = (killed, ended, database_stopped)
+POSTGRESQL: tuple[Break, ...] = (killed, ended, database_stopped, database_silent)
 NAMES = [breaking.__name__ for breaking in {*SQLITE, *POSTGRESQL}]
 
 

@@ -20,7 +20,7 @@ from threadpoolctl import threadpool_limits
 
 from app.pbbo import FitError, Preference, PreferenceOptimizer, Query, Settings, has_posterior
 
-from .own_processes import end_with_parent
+from .own_processes import yield_to_pages
 
 #: One answered query: left candidate, right candidate, "left" | "right" | "skip".
 Answer = tuple[int, int, str]
@@ -127,8 +127,8 @@ class Elsewhere:
 
 
 def _begin() -> None:
-    # It yields to nobody: what is not thought in time is asked for again and again, and costs more.
-    end_with_parent()
+    # Not by much: what is not thought in time is asked for again and again, which costs pages more.
+    yield_to_pages(by=5)
     # As in the server: one fit, one processor.
     threadpool_limits(1, user_api="blas")
 

@@ -97,8 +97,6 @@ def _coming(studio: Studio, row: SessionRow, trial: Standing) -> list[NextQuery]
         return [_after_practice(studio, row, in_hand)]
     record, query = trial.record, trial.asked
     kind = kind_at(in_hand, query.query_index + 1)
-    if kind is None:
-        return []
     history = learned(in_hand, record)
     pair = (query.left, query.right)
     coming = []
@@ -107,7 +105,8 @@ def _coming(studio: Studio, row: SessionRow, trial: Standing) -> list[NextQuery]
         studio.proposer.work_ahead(in_hand, history, pair)
     elif (known := studio.proposer.known(in_hand, history)) and known.next:
         coming = [known.next]
-    if kind is Kind.MODEL:
+    # After the last query none follows, and yet what its response will have taught is asked for.
+    if kind in (None, Kind.MODEL):
         return coming
     space = studio.proposer.space(in_hand.study_id, in_hand.environment)
     check = check_at(space, in_hand, record, query.query_index + 1)

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import re
+
 import pytest
 
+from app.services import readiness
 from app.services.background import Background
 from app.services.studies import StudyInfo
 from app.services.studio import Studio
@@ -45,6 +48,18 @@ def test_a_query_that_the_model_chooses_depends_on_the_response(
         session.respond("left")
         named.append(len(prefetch(studio, session)))
     assert max(named) > 2
+
+
+def test_no_response_of_a_trial_waits_for_a_fit(
+    client: Api, studio: Studio, learning_study: StudyInfo
+) -> None:
+    session = client.start().to_first_query()
+    while session.state["stage"] == "query":
+        prefetch(studio, session)
+        session.respond("left")
+    said = readiness.metrics(studio).decode()
+    asked = dict(re.findall(r'pbpo_steps_asked_total\{worked_out="(.*?)"\} (.*)', said))
+    assert asked == {"ahead": "5.0"}
 
 
 def test_nothing_is_loaded_ahead_of_the_last_query(

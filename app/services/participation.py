@@ -48,10 +48,17 @@ def consent(studio: Studio, token: str, version: str) -> State:
     return state
 
 
-def go_on(studio: Studio, token: str, device: Device | None = None) -> State:
-    """Leave a page that only has to be left. Raises a ProtocolError that says what is missing."""
+def go_on(
+    studio: Studio, token: str, device: Device | None = None, *, leaving: str | None = None
+) -> State:
+    """Leave a page that only has to be left. Raises a ProtocolError that says what is missing.
+
+    leaving: the stage to be left, where it is known. If it was left before, nothing is done.
+    """
     with studio.database.write() as session:
         row = sessions.find(studio, session, token, to_write=True)
+        if leaving is not None and leaving != row.stage:
+            return session_state.describe(studio, session, row)
         checked = row.stage == Stage.DEVICE_CHECK
         watched = len(playlist.watched(row)) if row.stage == Stage.FAMILIARISATION else 0
         event = protocol.Continued(at=studio.now(), watched=watched, device=device)

@@ -149,8 +149,11 @@ def decline(slug: str, request: Request, studio: StudioDep) -> Response:
 
 @router.post("/continue")
 @in_line
-def go_on(slug: str, request: Request, studio: StudioDep) -> Response:
-    return do(slug, lambda: participation.go_on(studio, token_of(request, slug)))
+def go_on(
+    slug: str, request: Request, studio: StudioDep, leaving: Annotated[str | None, Form()] = None
+) -> Response:
+    """leaving: the stage that the page is of; brought back by the Back button, it was left."""
+    return do(slug, lambda: participation.go_on(studio, token_of(request, slug), leaving=leaving))
 
 
 def _way_back_of(

@@ -177,6 +177,20 @@ def test_a_whole_session_by_forms_and_responses(
     assert heading(client.get("/s/short")) == HEADINGS["completed"]
 
 
+def test_a_page_brought_back_leaves_nothing_but_its_own_stage(
+    client: Api, short_study: StudyInfo
+) -> None:
+    agree(client)
+    left = {"leaving": "instructions"}
+    assert 'name="leaving" value="instructions"' in client.get("/s/short").text
+    for _ in range(2):
+        sent_on(client.post("/s/short/continue", data=left))
+        page = client.get("/s/short")
+        assert 'name="leaving" value="familiarisation"' in page.text
+    sent_on(client.post("/s/short/continue", data={"leaving": "familiarisation"}))
+    assert heading(client.get("/s/short")) == HEADINGS["query"]
+
+
 @pytest.mark.parametrize("stage", ["query", "break", "completed", "declined"])
 def test_going_back_and_sending_a_form_again_shows_where_one_is(
     client: Api, short_study: StudyInfo, clock: Clock, stage: str

@@ -70,20 +70,23 @@ def _differences(studio: Studio, session: Session, trial: Trial) -> Iterator[Dif
     record = queries.read_record(session, trial.id)
     # What took the place of a video that did not play depends on which ones could be had.
     asked = {query.query_index: query for query in trial.queries if query.attempt == 0}
-    acquired = _acquired(session, trial)
+    acquired: dict[int, int] = {}
     for place in range(len(record) + 1):
         before = record[:place]
         step = work_out(space, in_hand, learned(in_hand, before))
-        if place > 0 and teaches(in_hand, before[-1].trial_type):
-            stored, found = acquired.get(place - 1), step.acquired and step.acquired.candidate
-            if stored != found:
-                yield Difference(f"acquired after query {place - 1}", (stored,), (found,))
+        if place > 0 and step.acquired and teaches(in_hand, before[-1].trial_type):
+            acquired[place - 1] = step.acquired.candidate
         if place in asked:
             proposal = following(space, in_hand, before, step)
             assert proposal is not None
             was, would_be = _shown(asked[place]), _proposed(proposal)
             if was != would_be:
                 yield Difference(f"query {place}", was, would_be)
+    stored = _acquired(session, trial)
+    for place in sorted(acquired.keys() | stored.keys()):
+        if stored.get(place) != acquired.get(place):
+            pair = ((stored.get(place),), (acquired.get(place),))
+            yield Difference(f"acquired after query {place}", *pair)
     kept = _preferences(session, trial)
     taught = {tuple(row.values()) for row in preferences(step, lessons(in_hand, record))}
     if kept != taught:

@@ -331,6 +331,9 @@ def test_a_replay_finds_what_responses_do_not_teach(stocked: Run, tmp_path: Path
         taught.winner, taught.loser = taught.loser, taught.winner
         acquired.candidate += 1
         pair, candidate = (taught.loser, taught.winner), acquired.candidate
+        # After the last query: no response can have taught it.
+        beyond = Acquired(trial_id=acquired.trial_id, query_index=99, candidate=1)
+        session.add(beyond)
     database.close()
     said = stocked("replay", "short")
     assert said.status == 1
@@ -338,7 +341,8 @@ def test_a_replay_finds_what_responses_do_not_teach(stocked: Run, tmp_path: Path
     assert f"acquired after query 0: stored ({candidate},), worked out ({candidate - 1},)" in out
     assert "preferences: stored ((0, {1}, {0}, 'answer', 0, None),)".format(*pair) in out
     assert "worked out ((0, {}, {}, 'answer', 0, None),)".format(*pair) in out
-    assert out.endswith("3 trials, 15 queries replayed; 2 came out otherwise. ")
+    assert "acquired after query 99: stored (1,), worked out (None,)" in out
+    assert out.endswith("3 trials, 15 queries replayed; 3 came out otherwise. ")
 
 
 def test_the_command_and_the_page_export_the_same_bytes(

@@ -337,12 +337,12 @@ def test_a_replay_finds_what_responses_do_not_teach(stocked: Run, tmp_path: Path
     database.close()
     said = stocked("replay", "short")
     assert said.status == 1
-    out = said.out.replace("\n", " ")
+    out = " ".join(said.out.split())
     assert f"acquired after query 0: stored ({candidate},), worked out ({candidate - 1},)" in out
     assert "preferences: stored ((0, {1}, {0}, 'answer', 0, None),)".format(*pair) in out
     assert "worked out ((0, {}, {}, 'answer', 0, None),)".format(*pair) in out
     assert "acquired after query 99: stored (1,), worked out (None,)" in out
-    assert out.endswith("3 trials, 15 queries replayed; 3 came out otherwise. ")
+    assert out.endswith("3 trials, 15 queries replayed; 3 came out otherwise.")
 
 
 def test_the_command_and_the_page_export_the_same_bytes(

@@ -89,12 +89,12 @@ def _attempt(
     with studio.database.write() as session:
         row = sessions.find(studio, session, token, to_write=True)
         query = queries.find(session, row, answer.query_id)
+        taken = None
         if _is_new(row, query, answer):
             taken = _take(studio, session, row, query, answer, worked_out)
-            if isinstance(taken, _Lacking):
-                return taken
-            return session_state.describe(studio, session, row, taken)
-        return session_state.describe(studio, session, row)
+        if isinstance(taken, _Lacking):
+            return taken
+        return session_state.describe(studio, session, row, taken)
 
 
 def _take(

@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 
 from .background import Background
 from .job_processes import JobProcesses
-from .own_processes import log_fault, yield_to_pages
+from .own_processes import log_fault, work_for_parent
 
 T = TypeVar("T")
 
@@ -124,7 +124,7 @@ class _Processes:
                 self._number,
                 # A fork would copy the server's locks in whatever state they are.
                 mp_context=multiprocessing.get_context("spawn"),
-                initializer=yield_to_pages,
+                initializer=work_for_parent,
             )
         return self._pool
 

@@ -10,7 +10,7 @@ from functools import partial
 from multiprocessing.context import SpawnProcess
 from typing import Any
 
-from .own_processes import log_fault, yield_to_pages
+from .own_processes import log_fault, work_for_parent
 
 
 class JobProcesses:
@@ -81,5 +81,5 @@ class JobProcesses:
 
 
 def _as_worker(function: Callable[..., None], args: tuple[Any, ...]) -> None:
-    yield_to_pages()
+    work_for_parent()
     function(*args)

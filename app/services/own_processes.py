@@ -1,4 +1,4 @@
-"""What every process that works for a server keeps to: it leaves with its server, and may yield."""
+"""What every process that works for a server keeps to: it yields, and it leaves with its server."""
 
 from __future__ import annotations
 
@@ -14,8 +14,12 @@ from typing import Any
 log = logging.getLogger(__name__)
 
 
-def end_with_parent() -> None:
-    """Make a worker leave when its server is killed: a pool's workers would wait for ever."""
+def work_for_parent(yields: int = 10) -> None:
+    """Make a worker leave when its server is killed: a pool's workers would wait for ever.
+
+    yields: how much to those who answer pages, as a process's niceness. On a busy machine 10 leaves
+    it a tenth of what a page gets, 5 a third.
+    """
     parent = multiprocessing.parent_process()
 
     def watch() -> None:
@@ -26,15 +30,7 @@ def end_with_parent() -> None:
     threading.Thread(target=watch, daemon=True).start()
     # Ctrl+C reaches the whole group of processes: it is the server's to answer.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-
-
-def yield_to_pages(by: int = 10) -> None:
-    """As `end_with_parent`, for work that must not take the processor from a page.
-
-    by: how much it yields; at 10 a busy machine gives it a tenth of what a page gets, at 5 a third.
-    """
-    end_with_parent()
-    os.nice(by)
+    os.nice(yields)
 
 
 def log_fault(key: Hashable, finished: Future[Any]) -> None:

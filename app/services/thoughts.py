@@ -20,7 +20,7 @@ from threadpoolctl import threadpool_limits
 
 from app.pbbo import FitError, Preference, PreferenceOptimizer, Query, Settings, has_posterior
 
-from .own_processes import yield_to_pages
+from .own_processes import work_for_parent
 
 #: One answered query: left candidate, right candidate, "left" | "right" | "skip".
 Answer = tuple[int, int, str]
@@ -128,7 +128,7 @@ class Elsewhere:
 
 def _begin() -> None:
     # Not by much: what is not thought in time is asked for again and again, which costs pages more.
-    yield_to_pages(by=5)
+    work_for_parent(yields=5)
     # As in the server: one fit, one processor.
     threadpool_limits(1, user_api="blas")
 

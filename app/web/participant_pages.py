@@ -152,7 +152,7 @@ def decline(slug: str, request: Request, studio: StudioDep) -> Response:
 def go_on(
     slug: str, request: Request, studio: StudioDep, leaving: Annotated[str | None, Form()] = None
 ) -> Response:
-    """leaving: the stage that the page is of; brought back by the Back button, it was left."""
+    """leaving: the stage that the page is of; another tab may have left it."""
     return do(slug, lambda: participation.go_on(studio, token_of(request, slug), leaving=leaving))
 
 

@@ -177,9 +177,7 @@ def test_a_whole_session_by_forms_and_responses(
     assert heading(client.get("/s/short")) == HEADINGS["completed"]
 
 
-def test_a_page_leaves_nothing_but_its_own_stage(
-    client: Api, short_study: StudyInfo
-) -> None:
+def test_a_page_leaves_nothing_but_its_own_stage(client: Api, short_study: StudyInfo) -> None:
     agree(client)
     left = {"leaving": "instructions"}
     assert 'name="leaving" value="instructions"' in client.get("/s/short").text

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from datetime import timedelta
 from typing import Any
 
 from sqlalchemy.orm import Session
@@ -11,6 +12,7 @@ from app.study.checks import Kind
 from app.study.plan import Condition, Plan
 from app.study.protocol import Stage
 from app.study.stages import PRACTICE_INDEX
+from app.study.time_left import seconds_left
 
 from . import practice, queries
 from .course import check_at, kind_at, learned, teaches
@@ -62,7 +64,8 @@ def _undo(
     before = queries.answered_before(session, trial)
     if before is None or before.response is None:
         return None
-    left = undo_s - (studio.now() - before.response.answered_at).total_seconds()
+    ends_at = before.response.answered_at + timedelta(seconds=undo_s)
+    left = seconds_left(undo_s, ends_at, studio.now())
     if left <= 0 or queries.was_undone(session, trial.public_id):
         return None
     return {"query_id": before.public_id, "seconds_left": round(left, 1)}

@@ -5,6 +5,7 @@ No parameter, score, method or condition is in here, and recordings are addresse
 
 from __future__ import annotations
 
+import math
 from datetime import datetime
 from functools import lru_cache
 from typing import Any
@@ -22,6 +23,7 @@ from app.study.protocol import (
     Stage,
     position,
 )
+from app.study.time_left import seconds_left
 
 from . import consents, playlist, query_state, recruitment
 from .queries import Standing
@@ -79,7 +81,7 @@ def describe(
         case Stage.BREAK:
             assert progress.break_ends_at is not None
             state["break"] = {
-                **_break(progress.break_ends_at, studio.now()),
+                **_break(plan, progress.break_ends_at, studio.now()),
                 "next_skip": _skip(plan, row, progress.trial_index),
             }
         case Stage.DEBRIEF:
@@ -167,6 +169,6 @@ def _skip(plan: Plan, row: SessionRow, trial_index: int) -> dict[str, str] | Non
     return None if skip is None else {"label": plan.text(skip.label, row.language)}
 
 
-def _break(ends_at: datetime, now: datetime) -> dict[str, Any]:
-    left = max(0, -int((now - ends_at).total_seconds() // 1))
+def _break(plan: Plan, ends_at: datetime, now: datetime) -> dict[str, Any]:
+    left = math.ceil(seconds_left(plan.break_s, ends_at, now))
     return {"ends_at": ends_at.isoformat().replace("+00:00", "Z"), "seconds_left": left}

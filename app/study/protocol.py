@@ -12,6 +12,7 @@ from typing import Self, TypedDict
 
 from app.study.plan import Plan
 from app.study.stages import Device
+from app.study.time_left import seconds_left
 
 
 class Stage(StrEnum):
@@ -299,7 +300,7 @@ def _after_continue(plan: Plan, progress: Progress, event: Continued) -> Progres
         case Stage.BREAK:
             # Progress holds an end for every break.
             assert progress.break_ends_at is not None
-            left = (progress.break_ends_at - event.at).total_seconds()
+            left = seconds_left(plan.break_s, progress.break_ends_at, event.at)
             if left > 0:
                 raise BreakNotOver(math.ceil(left))
             return _toward_trial(plan, progress.trial_index)

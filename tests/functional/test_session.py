@@ -151,6 +151,20 @@ def test_a_break_cannot_be_left_early_and_says_how_long_it_still_lasts(
     assert session.go_on().json()["stage"] == "query"
 
 
+def test_a_clock_that_is_set_back_by_hours_keeps_nobody_in_a_break(
+    client: Api, short_study: StudyInfo, clock: Clock
+) -> None:
+    session = client.start().to_first_query()
+    for _ in range(4):
+        session.respond("left")
+    clock.forward(-30)
+    assert session.look()["break"]["seconds_left"] == 120
+    assert session.go_on().json()["seconds_left"] == 120
+    clock.forward(-7200)
+    assert session.look()["break"]["seconds_left"] == 0
+    assert session.go_on().json()["stage"] == "query"
+
+
 def test_declining_ends_a_session_before_it_began(client: Api, short_study: StudyInfo) -> None:
     session = client.start()
     assert session.call("withdraw").json()["stage"] == "declined"

@@ -86,6 +86,16 @@ def test_too_late_is_too_late(session: Session, clock: Clock) -> None:
     assert refusal.json()["stage"] == "query"
 
 
+def test_a_clock_that_is_set_back_by_hours_offers_no_undo_for_hours(
+    session: Session, clock: Clock
+) -> None:
+    session.respond("left")
+    clock.forward(-2)
+    assert session.look()["query"]["undo"]["seconds_left"] == 5.0
+    clock.forward(-7200)
+    assert "undo" not in session.look()["query"]
+
+
 def test_only_the_last_response_can_be_taken_back(session: Session) -> None:
     session.respond("left")
     earlier = {"query_id": session.state["query"]["undo"]["query_id"]}

@@ -143,11 +143,17 @@ def test_a_break_ends_its_length_after_the_last_response(plan: Plan) -> None:
     )
 
 
-@pytest.mark.parametrize(("waited", "left"), [(0, 60), (0.5, 60), (59.001, 1), (-5, 65)])
+@pytest.mark.parametrize(("waited", "left"), [(0, 60), (0.5, 60), (59.001, 1), (-5, 60)])
 def test_a_break_cannot_be_cut_short(plan: Plan, waited: float, left: int) -> None:
     with pytest.raises(BreakNotOver, match=f"{left} s more") as caught:
         went(plan, *first_trial(), Continued(later(waited)))
     assert caught.value.seconds_left == left
+
+
+@pytest.mark.parametrize("back", [7200, 61])
+def test_a_clock_that_was_set_back_keeps_nobody_in_a_break(plan: Plan, back: float) -> None:
+    progress = went(plan, *first_trial(), Continued(later(-back)))
+    assert progress == Progress(Stage.QUERY, trial_index=1)
 
 
 @pytest.mark.parametrize("waited", [60, 61, 86_400])

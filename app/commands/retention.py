@@ -31,9 +31,13 @@ def run(
     found = retention.run(studio, dry_run=dry_run, actor=COMMAND_LINE)
     verb = "would be" if dry_run else "were"
     for slug, swept in found.items():
+        if swept.failed:
+            out.print(f"{slug}: it failed, and the lines above say why; run it again.")
         out.print(
             f"{slug}: sessions that {verb} deleted: {swept.sessions}; people whose platform ids"
             f" {verb} deleted: {swept.people_without_ids}"
         )
     if not found:
         out.print("Nothing is due.")
+    if any(swept.failed for swept in found.values()):
+        raise typer.Exit(1)

@@ -48,6 +48,7 @@ class Kind(StrEnum):
     VIDEO = "video"
     DATABASE = "database"
     CROWDED = "crowded"
+    RETENTION = "retention"
 
 
 @dataclass(frozen=True)

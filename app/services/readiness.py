@@ -15,6 +15,7 @@ from sqlalchemy.exc import SQLAlchemyError
 from app.storage.schema import newest_revision, revision_of
 from app.storage.tables import SessionRow
 
+from . import clock
 from .measurements import RENDER_QUEUE
 from .studio import Studio
 
@@ -32,6 +33,22 @@ def faults(studio: Studio) -> list[str]:
         if folder is not None
     ]
     return [fault for fault in found if fault is not None]
+
+
+def warnings(studio: Studio) -> list[str]:
+    """What is wrong, and keeps nobody from taking part: in sentences like those of `faults`."""
+    try:
+        queue, behind = studio.background.queue(), clock.behind(studio)
+    except SQLAlchemyError:
+        # That is a fault, and told as one.
+        return []
+    found = []
+    if queue is not None and queue.workers == 0:
+        found.append("No worker is heard of: missing videos, jobs and retention wait for one.")
+    if behind is not None:
+        said = clock.said(behind)
+        found.append(f"The clock is {said} behind what was stored: it is wrong, or it was before.")
+    return found
 
 
 def metrics(studio: Studio) -> bytes:

@@ -2,7 +2,8 @@
 
 A sweep deletes whatever is due by the plan that each session began under: one transaction for each
 session, so that nobody who answers has to wait. Each looks again at what is due, so two sweeps at
-once do no harm. Simulated sessions are nobody's, and stay.
+once do no harm. Where it fails in one study, the others' word is kept, and its overview tells of
+it. Simulated sessions are nobody's, and stay.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from app.storage.tables import Identity, Participant, PlanVersion, SessionRow, S
 from app.study.retention import Due, Retention, due
 
 from . import audit, deletion, tidying
+from .fault_counts import Kind, Where
 from .repeating import repeated
 from .studies import stored_plan
 from .studio import Studio
@@ -36,10 +38,11 @@ PERIOD_S = 3600.0
 
 @dataclass
 class Swept:
-    """What a sweep deleted (or would delete) of one study."""
+    """What a sweep deleted (or would delete) of one study, and whether it failed there."""
 
     sessions: int = 0
     people_without_ids: int = 0
+    failed: bool = False
 
 
 @dataclass
@@ -57,15 +60,31 @@ def run(
     actor: str = audit.RETENTION_RULE,
     stop: Callable[[], bool] = lambda: False,
 ) -> dict[str, Swept]:
-    """Delete what is due, or (dry_run) only count it: by slug, where anything is.
+    """Delete what is due, or (dry_run) only count it: by slug, where anything is, or it failed.
 
     stop: asked before each deletion; True ends the sweep, and the next one goes on.
     """
     with studio.database.read() as session:
-        found = {slug: due_of for slug, due_of in _due(studio, session) if _is_any(due_of)}
-    if dry_run:
-        return {slug: Swept(len(one.sessions), len(one.people)) for slug, one in found.items()}
-    return {slug: _sweep(studio, slug, one, actor, stop) for slug, one in found.items()}
+        slugs = session.scalars(select(Study.slug).order_by(Study.id)).all()
+    found: dict[str, Swept] = {}
+    for slug in slugs:
+        swept = Swept()
+        try:
+            with studio.database.read() as session:
+                due_of = _due(studio, session, slug)
+            if dry_run:
+                swept = Swept(len(due_of.sessions), len(due_of.people))
+            else:
+                _sweep(studio, slug, due_of, swept, actor, stop)
+        except Exception:
+            log.exception("the retention sweep of %s failed", slug)
+            swept.failed = True
+            if not dry_run:
+                studio.faults.count(studio, Kind.RETENTION, Where(slug=slug))
+        if swept != Swept():
+            found[slug] = swept
+    studio.faults.write(studio)
+    return found
 
 
 @contextmanager
@@ -97,48 +116,53 @@ def _sweep_all_quietly(studio: Studio, stop: Callable[[], bool]) -> None:
     tidying.run_quietly(studio, stop)
 
 
-def _is_any(found: _Found) -> bool:
-    return bool(found.sessions or found.people)
-
-
-def _due(studio: Studio, session: Session) -> Iterator[tuple[str, _Found]]:
-    """What is due of each study that has a rule."""
-    for study in session.scalars(select(Study).order_by(Study.id)):
-        rules = {version.id: stored_plan(version).retention for version in study.plans}
-        if all(rule == Retention() for rule in rules.values()):
-            continue
-        found = _Found()
-        may_go: dict[int, bool] = {}
-        rows = session.execute(
-            select(
-                SessionRow.id,
-                SessionRow.participant_id,
-                SessionRow.plan_id,
-                SessionRow.ended_at,
-                SessionRow.expires_at,
-            )
-            .where(SessionRow.study_id == study.id, SessionRow.mode.in_(MODES))
-            .order_by(SessionRow.id)
+def _due(studio: Studio, session: Session, slug: str) -> _Found:
+    """What is due of a study: nothing where it has no rule, or has gone meanwhile."""
+    found = _Found()
+    study = session.scalar(select(Study).where(Study.slug == slug))
+    if study is None:
+        return found
+    rules = {version.id: stored_plan(version).retention for version in study.plans}
+    if all(rule == Retention() for rule in rules.values()):
+        return found
+    may_go: dict[int, bool] = {}
+    rows = session.execute(
+        select(
+            SessionRow.id,
+            SessionRow.participant_id,
+            SessionRow.plan_id,
+            SessionRow.ended_at,
+            SessionRow.expires_at,
         )
-        for row_id, person, plan_id, ended_at, expires_at in rows:
-            said = due(rules[plan_id], ended_at, expires_at, studio.now())
-            if said.everything:
-                found.sessions.append(row_id)
-            # Ids are a person's: they are needed as long as any session of theirs needs them.
-            may_go[person] = may_go.get(person, True) and said.identities
-        named = set(
-            session.scalars(
-                select(Identity.participant_id)
-                .join(Participant, Identity.participant_id == Participant.id)
-                .where(Participant.study_id == study.id)
-            )
+        .where(SessionRow.study_id == study.id, SessionRow.mode.in_(MODES))
+        .order_by(SessionRow.id)
+    )
+    for row_id, person, plan_id, ended_at, expires_at in rows:
+        said = due(rules[plan_id], ended_at, expires_at, studio.now())
+        if said.everything:
+            found.sessions.append(row_id)
+        # Ids are a person's: they are needed as long as any session of theirs needs them.
+        may_go[person] = may_go.get(person, True) and said.identities
+    named = set(
+        session.scalars(
+            select(Identity.participant_id)
+            .join(Participant, Identity.participant_id == Participant.id)
+            .where(Participant.study_id == study.id)
         )
-        found.people = sorted(person for person in named if may_go.get(person, False))
-        yield study.slug, found
+    )
+    found.people = sorted(person for person in named if may_go.get(person, False))
+    return found
 
 
-def _sweep(studio: Studio, slug: str, found: _Found, actor: str, stop: Callable[[], bool]) -> Swept:
-    swept = Swept()
+def _sweep(
+    studio: Studio,
+    slug: str,
+    found: _Found,
+    swept: Swept,
+    actor: str,
+    stop: Callable[[], bool],
+) -> None:
+    """Delete what was found due; `swept` says how far it came, also where it fails."""
     seeds: frozenset[int] = frozenset()
     try:
         for person in found.people:
@@ -166,7 +190,6 @@ def _sweep(studio: Studio, slug: str, found: _Found, actor: str, stop: Callable[
                 people_whose_ids_were_deleted=swept.people_without_ids,
             )
             deletion.forget(studio, seeds)
-    return swept
 
 
 def _delete_ids(studio: Studio, session: Session, person: int) -> int:

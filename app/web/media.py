@@ -14,6 +14,7 @@ from fastapi import APIRouter, Request
 from fastapi.responses import FileResponse, RedirectResponse, Response
 from starlette.concurrency import run_in_threadpool
 
+from app.services.errors import StoreAwayError
 from app.services.recordings import Source
 from app.services.stores.store import KEPT, Errand, Link, form_of
 from app.services.studio import Studio
@@ -25,6 +26,10 @@ router = APIRouter(tags=["media"])
 
 #: What a proxy understands and browsers never see: the address of a file that it has itself.
 TO_PROXY = "X-Accel-Redirect"
+
+#: How long a browser waits for a video that has to be made, in seconds: less than it, or a proxy in
+#: between, would wait for any answer. The video goes on being made, for when it is asked for again.
+MADE_WITHIN_S = 50.0
 
 
 @router.api_route(
@@ -42,10 +47,23 @@ async def recording(public_id: str, request: Request, studio: StudioDep) -> Resp
     # One errand to a thread, where the video is there: on a busy server each has to be waited for.
     source, made, answer = await run_in_threadpool(_begun, studio, public_id, request)
     if answer is None:
-        # Shielded: one browser that goes away must not stop a video that others wait for.
-        await asyncio.shield(asyncio.wrap_future(made))
+        await _until_made(made)
         answer = await run_in_threadpool(_answer, studio, public_id, source, request)
     return answer
+
+
+async def _until_made(made: Future[Any]) -> None:
+    """Raises what went wrong with the video, and StoreAwayError where it takes too long."""
+    try:
+        # Shielded: one browser that goes away must not stop a video that others wait for.
+        await asyncio.wait_for(asyncio.shield(asyncio.wrap_future(made)), MADE_WITHIN_S)
+    except TimeoutError:
+        if made.done():
+            raise
+        # No worker is there, say: an answer is counted, and told to those who run the study.
+        raise StoreAwayError(
+            f"expected the video to be made within {MADE_WITHIN_S:g} s; try again"
+        ) from None
 
 
 def _begun(

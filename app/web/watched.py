@@ -29,10 +29,13 @@ async def alive() -> Response:
 
 @router.api_route("/readyz", methods=_ASKED_BY)
 def ready(studio: StudioDep) -> Response:
-    """Whether evaluators can be sent here: 503 says why not, a sentence for each fault."""
+    """Whether evaluators can be sent here: 503 says why not, a sentence for each fault.
+
+    What is wrong and turns nobody away is said beside that, as warnings.
+    """
     found = readiness.faults(studio)
-    status = 503 if found else 200
-    return JSONResponse({"ready": not found, "faults": found}, status, headers=_FRESH)
+    body = {"ready": not found, "faults": found, "warnings": readiness.warnings(studio)}
+    return JSONResponse(body, 503 if found else 200, headers=_FRESH)
 
 
 @router.get("/metrics")

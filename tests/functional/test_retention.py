@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -13,8 +14,9 @@ from app.services import audit, results, retention
 from app.services.retention import Swept
 from app.services.studies import StudyInfo
 from app.services.studio import Studio
+from app.services.watching.troubles import troubles
 from app.storage.arrivals import Tombstone
-from app.storage.tables import Identity, SessionRow
+from app.storage.tables import Identity, PlanVersion, SessionRow, Study
 from tests.conftest import Clock, database_file
 
 from .client import Api, Session
@@ -116,6 +118,43 @@ def test_somebody_who_came_again_keeps_their_ids_and_loses_the_older_session(
     clock.forward(15 * DAY)
     assert retention.run(studio) == {"short": Swept(1, 1)}
     assert rows_of_people(studio) == {"tombstones": 2}
+
+
+def test_one_study_whose_plan_cannot_be_read_keeps_no_others_people(
+    client: Api, studio: Studio, study: StudyInfo, clock: Clock, pbpo: Run
+) -> None:
+    passage(client)
+    clock.forward(20 * DAY)
+    with studio.database.write() as session:
+        broken = Study(slug="broken", status="open", created_at=clock.now())
+        session.add(broken)
+        session.flush()
+        broken_id = broken.id
+        session.add(
+            PlanVersion(
+                study_id=broken_id,
+                version=1,
+                plan_hash="0" * 64,
+                plan={"slug": "broken"},
+                texts={},
+                created_at=clock.now(),
+            )
+        )
+    assert retention.run(studio, dry_run=True)["broken"] == Swept(failed=True)
+    assert told(studio, study, broken_id) == []
+    swept = retention.run(studio)
+    assert swept == {"short": Swept(1, 1), "broken": Swept(failed=True)}
+    (said,) = told(studio, study, broken_id)
+    assert said.startswith("One hourly sweep of what this study has promised to delete failed.")
+    assert told(studio, study, study.id) == []
+    told_so = pbpo("retention", "run")
+    assert told_so.status == 1
+    assert "broken: it failed" in told_so.out
+
+
+def told(studio: Studio, study: StudyInfo, study_id: int) -> list[str]:
+    """What the overview of the study of this id says went wrong."""
+    return [trouble.said for trouble in troubles(studio, replace(study, id=study_id))]
 
 
 def test_without_a_rule_nothing_is_deleted(

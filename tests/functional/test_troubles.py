@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from concurrent.futures import Future
 from contextlib import contextmanager
 from datetime import timedelta
 from typing import Any
@@ -14,13 +15,16 @@ from sqlalchemy.exc import OperationalError
 
 from app.services import fault_counts, participation
 from app.services.accounts import Role
+from app.services.background import Queue
 from app.services.fault_counts import FaultCounts, Kind, Where
+from app.services.recordings import Recordings
 from app.services.studies import StudyInfo
 from app.services.studio import Studio
 from app.services.watching.stamp import stamp
 from app.services.watching.troubles import troubles
 from app.storage.records import FaultCount, Job
 from app.storage.tables import QueryRow
+from app.web import media
 from tests.conftest import Clock
 
 from .client import Api
@@ -106,6 +110,49 @@ def test_a_video_that_cannot_be_made_is_told(
     with pytest.raises(OSError, match="no space left"):
         client.get(url)
     assert told(desk)["video"].startswith("One video could not be sent.")
+
+
+def test_a_video_that_nobody_makes_is_answered_and_told(
+    desk: Desk, client: Api, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(media, "MADE_WITHIN_S", 0.01)
+    # As where no worker is: what is asked for waits, and no error says so.
+    monkeypatch.setattr(Recordings, "ensure", lambda *_, **_more: Future[None]())
+    url = client.start().to_first_query().state["query"]["left"]["url"]
+    answer = client.get(url)
+    assert answer.status_code == 503
+    assert answer.json()["type"] == "urn:pbpo-studio:problem:store-away"
+    assert told(desk)["video"].startswith("One video could not be sent.")
+
+
+def test_that_no_worker_is_there_is_told_for_as_long_as_none_is(
+    desk: Desk, client: Api, studio: Studio, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for workers in (1, 0):
+        monkeypatch.setattr(
+            type(studio.background), "queue", lambda _, there=workers: Queue(0, 0, there)
+        )
+        assert ("no-worker" in told(desk)) == (workers == 0)
+        ready = client.get("/readyz")
+        # Whoever is sent elsewhere for it would find no worker there either.
+        assert (ready.status_code, ready.json()["faults"]) == (200, [])
+        assert len(ready.json()["warnings"]) == (workers == 0)
+
+
+def test_a_clock_that_is_behind_what_is_stored_is_told(
+    desk: Desk, client: Api, clock: Clock
+) -> None:
+    client.start()
+    clock.forward(-5 * 60)
+    assert client.get("/readyz").json()["warnings"] == []
+    clock.forward(-1)
+    assert client.get("/readyz").json()["warnings"] == [
+        "The clock is 5 minutes behind what was stored: it is wrong, or it was before."
+    ]
+    assert told(desk)["clock"].startswith("The server&#39;s clock is behind")
+    clock.forward(-9 * DAY)
+    (said,) = client.get("/readyz").json()["warnings"]
+    assert said.startswith("The clock is 9 days behind")
 
 
 def test_newcomers_who_were_turned_away_are_told(desk: Desk, client: Api, studio: Studio) -> None:

@@ -10,7 +10,7 @@ from typing import Any
 from sqlalchemy import Select, func, select
 from sqlalchemy.orm import InstrumentedAttribute, Session
 
-from app.services import crowding, jobs
+from app.services import clock, crowding, jobs
 from app.services.fault_counts import Kind
 from app.services.studies import StudyInfo
 from app.services.studio import Studio
@@ -63,7 +63,8 @@ _SAID = {
     Kind.VIDEO: _Said(
         "video",
         "could not be sent. Another pair is shown where a video does not come.",
-        f"Most often the disk is full, or a store of recordings is away. {_LOOK}",
+        "Most often the disk is full, a store of recordings is away, or no worker is there."
+        f" {_LOOK}",
     ),
     Kind.DATABASE: _Said(
         "request",
@@ -77,6 +78,11 @@ _SAID = {
         " come back.",
         "If so many people did come, have PBPO_BEGUN_PER_HOUR raised. If not, a program may be"
         " beginning sessions: single-use links keep it out.",
+    ),
+    Kind.RETENTION: _Said(
+        "hourly sweep",
+        "of what this study has promised to delete failed. Some of it may be there still.",
+        f"It is tried again every hour. {_LOOK}",
     ),
 }
 
@@ -92,6 +98,7 @@ def troubles(studio: Studio, study: StudyInfo) -> list[Trouble]:
             *_unfitted(session, study.id, since),
             *_failed_jobs(session, study.id, since),
         ]
+    found += _of_the_server(studio)
     return sorted(found, key=lambda trouble: trouble.last_at, reverse=True)
 
 
@@ -160,6 +167,29 @@ def _failed_jobs(session: Session, study_id: int, since: datetime) -> Iterator[T
                 job.ended_at,
                 "Ask for it again. If it fails again, the server's log says more.",
             )
+
+
+def _of_the_server(studio: Studio) -> Iterator[Trouble]:
+    """What is wrong just now for all studies."""
+    queue = studio.background.queue()
+    if queue is not None and queue.workers == 0:
+        yield Trouble(
+            "no-worker",
+            "No worker is there. Videos that are not made yet do not come; simulations, ethics"
+            " bundles and the deletion of what is due wait.",
+            studio.now(),
+            "Have one started (pbpo worker), or ask whoever runs the server why none is there.",
+        )
+    behind = clock.behind(studio)
+    if behind is not None:
+        yield Trouble(
+            "clock",
+            f"The server's clock is behind: somebody was there {clock.said(behind)} later than it"
+            " says now.",
+            studio.now(),
+            "Have it set by the network's time. What begins meanwhile bears a wrong time, and may"
+            " be over too soon. If it was ahead before, and is right now, nothing is left to do.",
+        )
 
 
 def _times(number: int, noun: str) -> str:

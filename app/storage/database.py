@@ -174,7 +174,7 @@ def _engine(url: str) -> Engine:
             max_overflow=(POSTGRESQL_CONNECTIONS - _HURRIED) // 2,
             # One that the server cut meanwhile is replaced, and nobody notices.
             pool_pre_ping=True,
-            connect_args=_given_up(url),
+            connect_args=given_up(url),
             hide_parameters=True,
         )
         event.listen(engine, "handle_error", _not_storable)
@@ -197,14 +197,15 @@ def _impatient_engine(url: str) -> Engine:
         # It has nobody beside it to wait for. One that was cut meanwhile is no loss: who waits asks
         # again.
         max_overflow=-1,
-        connect_args=_given_up(url),
+        connect_args=given_up(url),
         hide_parameters=True,
     )
     event.listen(engine, "handle_error", _not_storable)
     return engine
 
 
-def _given_up(url: str) -> dict[str, int]:
+def given_up(url: str) -> dict[str, int]:
+    """With which a connection to PostgreSQL is told when its server is gone."""
     own = make_url(url).query
     return {name: value for name, value in _GIVEN_UP.items() if name not in own}
 

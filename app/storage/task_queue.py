@@ -12,7 +12,7 @@ from sqlalchemy import String, cast, func, select, update
 from sqlalchemy.engine import make_url
 from sqlalchemy.orm import Session
 
-from .database import Database
+from .database import Database, given_up
 from .dumps import QUEUE_SCHEMA
 from .lost_tasks import Lost, take_back
 from .task_tables import FAULT, RUNNING, TASKS, WAITING, WORKERS, is_in, writing
@@ -55,7 +55,7 @@ def connector_of(url: str) -> procrastinate.PsycopgConnector:
     """Procrastinate's connections to the database, which see its own schema alone."""
     return procrastinate.PsycopgConnector(
         conninfo=make_url(url).set(drivername="postgresql").render_as_string(hide_password=False),
-        kwargs={"options": f"-c search_path={QUEUE_SCHEMA}"},
+        kwargs={"options": f"-c search_path={QUEUE_SCHEMA}", **given_up(url)},
         min_size=1,
         max_size=4,
     )

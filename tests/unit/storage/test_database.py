@@ -5,15 +5,18 @@ from __future__ import annotations
 import threading
 import time
 from datetime import UTC, datetime
+from typing import Any
 
 import pytest
-from sqlalchemy import func, select, text
+from sqlalchemy import Engine, create_engine, func, select, text
 from sqlalchemy.exc import DataError
 
 from app.services.studio import Studio
+from app.storage import database as doors
 from app.storage import patience
 from app.storage.database import Database
 from app.storage.tables import Study
+from app.storage.task_queue import connector_of
 
 
 def study(slug: str) -> Study:
@@ -109,3 +112,24 @@ def test_what_no_column_can_hold_is_refused_alike_by_every_database(
     column = Study.id if isinstance(value, int) else Study.slug
     with studio.database.read() as session, pytest.raises(DataError):
         session.scalar(select(Study.id).where(column == value))
+
+
+def test_every_connection_to_postgresql_is_told_when_its_server_is_gone(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    asked: list[dict[str, Any]] = []
+
+    def making(url: str, **options: Any) -> Engine:
+        asked.append(options["connect_args"])
+        return create_engine(url, **options)
+
+    monkeypatch.setattr(doors, "create_engine", making)
+    url = "postgresql+psycopg://somebody@nowhere.example/studio?keepalives_idle=60"
+    Database(url).close()
+    # Of those who wait, of those who do not, and of workers at their queue.
+    asked.append(connector_of(url)._pool_args["kwargs"])
+    assert len(asked) == 3
+    for one in asked:
+        assert (one["connect_timeout"], one["tcp_user_timeout"]) == (10, 20_000)
+        # What the URL says goes first.
+        assert "keepalives_idle" not in one

@@ -117,12 +117,12 @@ def export(
         studio, slug, mode, condition, since, until, exclude_flagged, exclude_flag, completed
     )
     named = [name for name in dict.fromkeys(table or ()) if name != "identities"]
-    parts = {format: form.files(studio, request)} if not table else {}
+    parts = {format: form.files(request)} if not table else {}
     if named:
-        parts[format] = [exports.table_file(studio, TABLES[name], request) for name in named]
+        parts[format] = [exports.table_file(TABLES[name], request) for name in named]
     if "identities" in (table or ()):
         # Apart from the others: looking at who somebody is is noted as what it is.
-        parts["identities"] = [exports.table_file(studio, TABLES["identities"], request)]
+        parts["identities"] = [exports.table_file(TABLES["identities"], request)]
     for name, files in parts.items():
         for path in exports.write_folder(
             studio, COMMAND_LINE, request, name, files, out_dir, overwrite=overwrite
@@ -152,8 +152,8 @@ def report(
     )
     described = reporting.describe(studio, request)
     files = [
-        exports.File("report.html", lambda: [reporting.html(described)]),
-        exports.File("report.pdf", lambda: [reporting.pdf(described)]),
+        exports.File("report.html", lambda _session: [reporting.html(described)]),
+        exports.File("report.pdf", lambda _session: [reporting.pdf(described)]),
     ]
     for path in exports.write_folder(
         studio, COMMAND_LINE, request, "report", files, out_dir, overwrite=overwrite

@@ -180,10 +180,10 @@ def zip_response(
     studio: Studio, caller: Experimenter, request: Request, form: str
 ) -> StreamingResponse:
     """The data in one of the formats. Raises ConflictError where it cannot be made here."""
-    files = export.find(form).files(studio, request)
+    files = export.find(form).files(request)
     slug = request.study.slug
     name = f"{slug}.zip" if form == "csv" else f"{slug}-{form}.zip"
-    pieces = export.zip_stream(files)
+    pieces = export.zip_stream(studio, files)
     return Download(
         export.recorded(studio, caller.email, request, form, name, pieces),
         name,

@@ -6,6 +6,7 @@ import hashlib
 import html
 import io
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import UTC, date, datetime
 from pathlib import Path
@@ -16,16 +17,19 @@ import pandas as pd
 import pypdfium2
 import pytest
 from scipy.stats import ttest_ind
+from sqlalchemy import func, select
+from sqlalchemy.orm import Session
 
 from app.services import accounts, audit, export, reporting
 from app.services.accounts import Role
 from app.services.errors import ConflictError
-from app.services.export import Request
+from app.services.export import File, Request
 from app.services.export.record import EXPORTED, IDENTITIES, REPORTED
 from app.services.quality import Flag
 from app.services.reporting.blocks import Figure, Table
 from app.services.studies import StudyInfo
 from app.services.studio import Studio
+from app.storage.tables import SessionRow
 from tests.conftest import Clock, StudyShelf
 from tests.databases import Databases
 
@@ -237,7 +241,7 @@ def test_a_download_that_is_broken_off_is_noted_as_incomplete(data: Data) -> Non
 
 def write(data: Data, folder: Path, **more: Any) -> list[Path]:
     request = export.settled(data.studio, Request(data.study))
-    files = export.FORMATS["csv"].files(data.studio, request)
+    files = export.FORMATS["csv"].files(request)
     return export.write_folder(data.studio, "me", request, "csv", files, folder, **more)
 
 
@@ -261,6 +265,36 @@ def test_a_folder_takes_a_newer_export_but_nothing_else_is_lost(data: Data, tmp_
     assert {path.name for path in folder.iterdir()} == {path.name for path in paths}
     write(data, folder, overwrite=True)
     assert len(pd.read_csv(folder / "sessions.csv")) == 4
+
+
+@pytest.mark.parametrize(("form", "read"), [("csv", 2), ("psych-ds", 4), ("botorch", 2)])
+def test_all_of_a_zip_is_of_one_moment(data: Data, form: str, read: int) -> None:
+    session = data.client.start().to_first_query()
+    request = export.settled(data.studio, Request(data.study))
+
+    def pieces() -> Iterator[bytes]:
+        return export.zip_stream(data.studio, export.FORMATS[form].files(request))
+
+    before = b"".join(pieces())
+    begun = pieces()
+    first = [next(begun) for _ in range(read)]
+    assert session.respond("left").status_code == 200
+    assert b"".join([*first, *begun]) == before
+    assert b"".join(pieces()) != before
+
+
+def test_all_of_a_folder_is_of_one_moment(data: Data, tmp_path: Path) -> None:
+    def counted(session: Session) -> Iterator[bytes]:
+        yield str(session.scalar(select(func.count(SessionRow.id)))).encode()
+
+    def meanwhile(_: Session) -> Iterator[bytes]:
+        data.client.start()
+        yield b"somebody came"
+
+    files = [File("a", counted), File("b", meanwhile), File("c", counted)]
+    request = export.settled(data.studio, Request(data.study))
+    a, _, c = export.write_folder(data.studio, "me", request, "csv", files, tmp_path)
+    assert a.read_text() == c.read_text()
 
 
 def test_the_page_downloads_what_its_form_asks_for_and_lists_what_was_taken(

@@ -9,13 +9,12 @@ from dataclasses import asdict
 from typing import Any
 
 import numpy as np
-
-from app.services.studio import Studio
+from sqlalchemy.orm import Session
 
 from .columns import Request, points
 from .filters import in_words
 from .learnt import LearntTrial, learnt_trials
-from .stream import File, text_file, zip_stream
+from .stream import File, text_file, zip_within
 
 _READ_ME = """# {slug} for BoTorch
 
@@ -60,7 +59,7 @@ best = model.posterior(candidates).mean.argmax()
 """
 
 
-def files(studio: Studio, request: Request) -> Iterator[File]:
+def files(request: Request) -> Iterator[File]:
     """README.md, trials.json, trials.npz and candidates.json."""
     names = [parameter.name for parameter in request.study.plan.parameters]
     yield text_file(
@@ -72,42 +71,39 @@ def files(studio: Studio, request: Request) -> Iterator[File]:
             parameters=", ".join(names),
         ),
     )
-    yield File("trials.json", lambda: _trials_json(studio, request))
-    yield File("trials.npz", lambda: zip_stream(_arrays(studio, request)))
-    yield File("candidates.json", lambda: [_candidates_json(studio, request)])
+    yield File("trials.json", lambda session: _trials_json(session, request))
+    yield File("trials.npz", lambda session: zip_within(session, _arrays(session, request)))
+    yield File("candidates.json", lambda session: [_candidates_json(session, request)])
 
 
-def _trials_json(studio: Studio, request: Request) -> Iterator[bytes]:
+def _trials_json(session: Session, request: Request) -> Iterator[bytes]:
     before = "[\n"
-    with studio.database.read() as session:
-        for trial in learnt_trials(session, request):
-            yield f"{before}{_json(asdict(trial))}".encode()
-            before = ",\n"
+    for trial in learnt_trials(session, request):
+        yield f"{before}{_json(asdict(trial))}".encode()
+        before = ",\n"
     yield b"\n]\n" if before.startswith(",") else b"[]\n"
 
 
-def _arrays(studio: Studio, request: Request) -> Iterator[File]:
+def _arrays(session: Session, request: Request) -> Iterator[File]:
     """Each array as the file in which an .npz holds it."""
     width = len(request.study.plan.parameters)
-    with studio.database.read() as session:
-        for trial in learnt_trials(session, request):
-            # With a shape also where there is nothing in it.
-            datapoints = np.array(trial.datapoints, dtype=np.float64).reshape(-1, width)
-            comparisons = np.array(trial.comparisons, dtype=np.int64).reshape(-1, 2)
-            yield _array(trial, "datapoints", datapoints)
-            yield _array(trial, "comparisons", comparisons)
+    for trial in learnt_trials(session, request):
+        # With a shape also where there is nothing in it.
+        datapoints = np.array(trial.datapoints, dtype=np.float64).reshape(-1, width)
+        comparisons = np.array(trial.comparisons, dtype=np.int64).reshape(-1, 2)
+        yield _array(trial, "datapoints", datapoints)
+        yield _array(trial, "comparisons", comparisons)
 
 
 def _array(trial: LearntTrial, name: str, values: Any) -> File:
     packed = io.BytesIO()
     np.lib.format.write_array(packed, values, allow_pickle=False)
     path = f"{trial.session_id}_{trial.trial_index}_{name}.npy"
-    return File(path, lambda: [packed.getvalue()])
+    return File(path, lambda _session: [packed.getvalue()])
 
 
-def _candidates_json(studio: Studio, request: Request) -> bytes:
-    with studio.database.read() as session:
-        by_candidate = points(session, request)
+def _candidates_json(session: Session, request: Request) -> bytes:
+    by_candidate = points(session, request)
     pools: dict[str, list[Any]] = {}
     for environment, index in sorted(by_candidate):
         pools.setdefault(environment, []).append(by_candidate[environment, index])

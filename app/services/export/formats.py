@@ -8,7 +8,6 @@ from types import MappingProxyType
 from typing import Final
 
 from app.services.errors import ConflictError
-from app.services.studio import Studio
 
 from . import botorch, optuna_storage, psych_ds
 from .columns import Request
@@ -23,13 +22,13 @@ class Format:
     name: str
     label: str
     about: str
-    files: Callable[[Studio, Request], Iterable[File]]
+    files: Callable[[Request], Iterable[File]]
     require: Callable[[], None] = lambda: None
 
 
-def _tables(studio: Studio, request: Request) -> Iterator[File]:
+def _tables(request: Request) -> Iterator[File]:
     for table in ZIPPED:
-        yield table_file(studio, table, request)
+        yield table_file(table, request)
 
 
 FORMATS: Final[Mapping[str, Format]] = MappingProxyType(

@@ -14,9 +14,9 @@ from pathlib import Path
 from typing import Any
 
 from sqlalchemy import event
+from sqlalchemy.orm import Session
 
 from app.services.errors import ConflictError
-from app.services.studio import Studio
 
 from .columns import Request, points
 from .filters import in_words
@@ -58,18 +58,18 @@ def require() -> None:
         )
 
 
-def files(studio: Studio, request: Request) -> Iterator[File]:
+def files(request: Request) -> Iterator[File]:
     """README.md and the storage."""
     said = {"slug": request.study.slug, "filter": in_words(request), "storage": STORAGE}
     yield text_file("README.md", _READ_ME.format(**said))
-    yield File(STORAGE, lambda: _storage(studio, request))
+    yield File(STORAGE, lambda session: _storage(session, request))
 
 
-def _storage(studio: Studio, request: Request) -> Iterator[bytes]:
+def _storage(session: Session, request: Request) -> Iterator[bytes]:
     """Optuna writes a file of its own, which is then read piece by piece."""
     with tempfile.TemporaryDirectory(prefix="pbpo-optuna-") as folder:
         path = Path(folder) / STORAGE
-        with _optuna_storage(path) as storage, studio.database.read() as session:
+        with _optuna_storage(path) as storage:
             spans = _spans(points(session, request))
             for trial in learnt_trials(session, request):
                 _add(storage, request, trial, spans[trial.environment])

@@ -11,8 +11,6 @@ import re
 from collections.abc import Iterator
 from typing import Any
 
-from app.services.studio import Studio
-
 from .columns import Column, Request
 from .filters import in_words
 from .stream import File, table_file, text_file
@@ -33,7 +31,7 @@ and `citation`.
 """
 
 
-def files(studio: Studio, request: Request) -> Iterator[File]:
+def files(request: Request) -> Iterator[File]:
     """The whole dataset, from the root of its folder."""
     study = request.study
     tables = [table for table in ZIPPED if table is not DATA_DICTIONARY]
@@ -48,8 +46,8 @@ def files(studio: Studio, request: Request) -> Iterator[File]:
         ),
     )
     for table in tables:
-        yield table_file(studio, table, request, f"data/{data_name(study.slug, table.name)}")
-    yield table_file(studio, DATA_DICTIONARY, request, "documentation/data_dictionary.csv")
+        yield table_file(table, request, f"data/{data_name(study.slug, table.name)}")
+    yield table_file(DATA_DICTIONARY, request, "documentation/data_dictionary.csv")
     yield text_file("materials/plan.json", _pretty(study.plan.model_dump(mode="json")))
     for language, texts in sorted(study.texts.items()):
         for name, text in sorted(texts.items()):

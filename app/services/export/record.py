@@ -61,7 +61,7 @@ def write_folder(
     *,
     overwrite: bool = False,
 ) -> list[Path]:
-    """Write the files into a folder, all or none, and note it; their paths.
+    """Write the files into a folder, of one moment, all or none, and note it; their paths.
 
     A file in the way gives way if it holds the same, or is an earlier export as it was written.
     Raises ConflictError for any other, unless it may be overwritten.
@@ -70,17 +70,18 @@ def write_folder(
     written: dict[str, str] = {}
     parts: list[tuple[Path, Path]] = []
     try:
-        for file in files:
-            path = folder / file.path
-            path.parent.mkdir(parents=True, exist_ok=True)
-            part = path.with_name(f".{path.name}.part")
-            parts.append((part, path))
-            digest = hashlib.sha256()
-            with part.open("wb") as out:
-                for piece in file.pieces():
-                    digest.update(piece)
-                    out.write(piece)
-            written[file.path] = digest.hexdigest()
+        with studio.database.read() as session:
+            for file in files:
+                path = folder / file.path
+                path.parent.mkdir(parents=True, exist_ok=True)
+                part = path.with_name(f".{path.name}.part")
+                parts.append((part, path))
+                digest = hashlib.sha256()
+                with part.open("wb") as out:
+                    for piece in file.pieces(session):
+                        digest.update(piece)
+                        out.write(piece)
+                written[file.path] = digest.hexdigest()
         if not overwrite:
             _refuse_to_lose(studio, request.study.slug, folder, written)
         for part, path in parts:

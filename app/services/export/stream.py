@@ -9,6 +9,8 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from itertools import islice
 
+from sqlalchemy.orm import Session
+
 from app.services.studio import Studio
 
 from .cells import Value, cell
@@ -20,33 +22,38 @@ _ROWS_PER_PIECE = 500
 
 @dataclass(frozen=True)
 class File:
-    """A file to be: its path, with / between, and what makes its bytes, once."""
+    """A file to be: its path, with / between, and what makes its bytes, once.
+
+    Files that belong together are made of one transaction: they tell of one moment.
+    """
 
     path: str
-    pieces: Callable[[], Iterable[bytes]]
+    pieces: Callable[[Session], Iterable[bytes]]
 
 
-def table_file(studio: Studio, table: Table, request: Request, path: str = "") -> File:
+def table_file(table: Table, request: Request, path: str = "") -> File:
     """The table as a CSV file, under its own name unless another path is given."""
-    return File(path or f"{table.name}.csv", lambda: csv_stream(studio, table, request))
+    return File(path or f"{table.name}.csv", lambda session: _csv(session, table, request))
 
 
 def text_file(path: str, text: str) -> File:
-    return File(path, lambda: [text.encode("utf-8")])
+    return File(path, lambda _session: [text.encode("utf-8")])
 
 
 def csv_stream(studio: Studio, table: Table, request: Request) -> Iterator[bytes]:
     """The table as CSV: UTF-8, one header row, `\\n` at the end of each line."""
-    header: list[Value] = [column.name for column in table.columns(request.study.plan)]
-    yield _lines([header])
     with studio.database.read() as session:
-        rows = iter(table.rows(session, request))
-        while piece := list(islice(rows, _ROWS_PER_PIECE)):
-            yield _lines(piece)
+        yield from _csv(session, table, request)
 
 
-def zip_stream(files: Iterable[File]) -> Iterator[bytes]:
-    """One zip with these files. The same files give the same bytes."""
+def zip_stream(studio: Studio, files: Iterable[File]) -> Iterator[bytes]:
+    """One zip with these files, of one moment. The same files give the same bytes."""
+    with studio.database.read() as session:
+        yield from zip_within(session, files)
+
+
+def zip_within(session: Session, files: Iterable[File]) -> Iterator[bytes]:
+    """As `zip_stream`, within a transaction."""
     sink = _Sink()
     with zipfile.ZipFile(sink, "w", zipfile.ZIP_DEFLATED) as archive:
         for file in files:
@@ -54,10 +61,18 @@ def zip_stream(files: Iterable[File]) -> Iterator[bytes]:
             entry.compress_type = zipfile.ZIP_DEFLATED
             entry.external_attr = 0o644 << 16
             with archive.open(entry, "w", force_zip64=True) as packed:
-                for piece in file.pieces():
+                for piece in file.pieces(session):
                     packed.write(piece)
                     yield sink.take()
     yield sink.take()
+
+
+def _csv(session: Session, table: Table, request: Request) -> Iterator[bytes]:
+    header: list[Value] = [column.name for column in table.columns(request.study.plan)]
+    yield _lines([header])
+    rows = iter(table.rows(session, request))
+    while piece := list(islice(rows, _ROWS_PER_PIECE)):
+        yield _lines(piece)
 
 
 def _lines(rows: Iterable[Iterable[Value]]) -> bytes:

@@ -2,16 +2,24 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import httpx
 import pytest
+from sqlalchemy import text
 
 from app.services import studies
 from app.services.studies import StudyInfo
 from app.services.studio import Studio
+from app.web.in_line import WRITING
 from tests.conftest import SHORT_PLAN, Clock, StudyShelf
 
 from .client import Api, Session
+from .served import Served
 from .test_participant_pages import COOKIE, agree, heading, sent_on
 from .test_recruitment import BACK_TO_PROLIFIC, return_link
+from .workers import until
 
 PLACES_PLAN = SHORT_PLAN + "\nplaces: 2\nlease_minutes: 30\n"
 Request = pytest.FixtureRequest
@@ -94,6 +102,38 @@ def test_the_last_place_taken_meanwhile_shows_that_none_is_left(
     given = {"version": page.text.split('name="version" value="')[1].split('"')[0]}
     sent_on(client.post("/s/short/consent", data=given))
     assert heading(client.get("/s/short")) == FULL
+
+
+@pytest.mark.postgresql
+def test_the_last_place_is_one_persons_of_all_who_ask_two_servers_for_it_at_once(
+    studio: Studio, study_shelf: StudyShelf, tmp_path: Path, media_dir: Path
+) -> None:
+    study_shelf.put_into(studio, PLACES_PLAN.replace("places: 2", "places: 1"))
+    for name in ("one", "other"):
+        (tmp_path / name).mkdir()
+    with (
+        Served("serve", tmp_path / "one" / "data", media_dir) as one,
+        Served("serve", tmp_path / "other" / "data", media_dir) as other,
+        ThreadPoolExecutor(2 * WRITING) as people,
+    ):
+        with studio.database.write() as held:
+            # Each who looked for a place before the others wrote has to wait here before they do.
+            held.execute(text("LOCK TABLE participants IN EXCLUSIVE MODE"))
+            asking = [
+                people.submit(httpx.post, f"{url}/api/v1/studies/short/sessions", json={})
+                for url in WRITING * (one.url, other.url)
+            ]
+            until(lambda: waiting(studio) == len(asking), "all of them wait")
+        statuses = sorted(answer.result().status_code for answer in asking)
+    assert statuses == [201] + [409] * (len(asking) - 1)
+
+
+def waiting(studio: Studio) -> int:
+    """How many wait for somebody else's lock in the studio's database."""
+    blocked = "datname = current_database() AND wait_event_type = 'Lock'"
+    with studio.database.read() as session:
+        found = session.scalar(text(f"SELECT count(*) FROM pg_stat_activity WHERE {blocked}"))
+    return int(found)
 
 
 @pytest.mark.parametrize("policy", ["resume", "restart", "block"])

@@ -74,9 +74,10 @@ load: $(VENV)/.dev
 	@$(BIN)/python -m tests.load.measure --evaluators 10 50 100 200
 	@$(BIN)/python -m tests.load.measure --evaluators 100 --postgresql --workers 2
 
-# The server killed, its database stopped, its disk full, and more, under a crowd: about 10 minutes.
+# The server killed, its database stopped, its disk full, and more, under a crowd: about 15 minutes.
 chaos: $(VENV)/.dev
 	@$(BIN)/python -m tests.load.chaos --times 20
+	@$(BIN)/python -m tests.load.chaos --times 20 --workers 2 --only killed ended
 
 calibration: $(VENV)/.app
 	@$(BIN)/python -m app.crane.calibration

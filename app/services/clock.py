@@ -21,9 +21,7 @@ def behind(studio: Studio) -> timedelta | None:
     """By how much somebody was last seen later than it is now; None where that cannot be told."""
     newest = select(SessionRow.last_seen_at).order_by(SessionRow.id.desc()).limit(_NEWEST)
     with studio.database.read() as session:
-        last: datetime | None = session.scalar(
-            select(func.max(newest.subquery().c.last_seen_at))
-        )
+        last: datetime | None = session.scalar(select(func.max(newest.subquery().c.last_seen_at)))
     if last is None:
         return None
     by = last - studio.now()

@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
+import asyncio
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from aiohttp import web
+from aiohttp.test_utils import TestServer
 from sqlalchemy import delete, update
 
 from app.services.studies import StudyInfo
 from app.services.studio import Studio
 from app.storage.tables import QueryRow, Response
-from tests.load.crowd import Log
-from tests.load.stored import faults_in
+from tests.load.crowd import Evaluator, Habits, Log, RefusedError
+from tests.load.stored import errors_in, faults_in
 
 from .client import Api
 
@@ -40,3 +48,46 @@ def test_what_was_acknowledged_is_looked_for_and_what_nobody_was_told_of_is_seen
     with studio.database.write() as row:
         row.execute(delete(Response))
     assert "3 acknowledged responses are not stored" in found(told)
+
+
+def test_a_patient_crowd_forgives_a_server_that_cannot_just_now_and_no_other_fault() -> None:
+    log = Log()
+
+    async def asked(status: int) -> dict[str, Any] | None:
+        async def answer(_: web.Request) -> web.Response:
+            return web.Response(status=status)
+
+        application = web.Application()
+        application.router.add_get("/api/v1/session", answer)
+        habits = Habits(patient=True)
+        async with (
+            TestServer(application) as server,
+            Evaluator(str(server.make_url("/")), "short", habits, log, 1) as somebody,
+        ):
+            return await somebody._asked("GET", "/api/v1/session", None)
+
+    assert asyncio.run(asked(503)) is None
+    assert log.faults == []
+    for number, status in enumerate((500, 502), start=1):
+        with pytest.raises(RefusedError):
+            asyncio.run(asked(status))
+        assert len(log.faults) == number
+
+
+def test_what_a_servers_log_tells_is_seen_unless_what_was_broken_explains_it(
+    tmp_path: Path,
+) -> None:
+    log = tmp_path / "server.log"
+    lines = [
+        "Serving at http://127.0.0.1:8000",
+        json.dumps({"level": "info", "message": "request", "status": 200}),
+        json.dumps({"level": "error", "message": "the database failed", "exception": "locked"}),
+        json.dumps({"level": "error", "message": "Exception in ASGI application"}),
+        '{"level": "error", "mess',
+    ]
+    log.write_text("\n".join(lines))
+    assert len(errors_in(log)) == 2
+    (unexplained,) = errors_in(log, ("the database",))
+    assert "Exception in ASGI application" in unexplained
+    log.write_text("Traceback (most recent call last):\n")
+    assert len(errors_in(log)) == 1

@@ -2,8 +2,8 @@
 
 A crowd that presses quickly works on `pbpo serve`, and something is broken under it, again and
 again. Whatever was acknowledged has to be stored, once; each session goes on at its own query; and
-every query has to be the one that its history says. The crowd sends again what got no answer, as
-the pages do.
+every query has to be the one that its history says. The crowd sends again what got no answer, or
+503, as the pages do; any other fault of the server's, also one that only its log tells, is one.
 """
 
 from __future__ import annotations
@@ -13,13 +13,14 @@ import asyncio
 import sqlite3
 import sys
 import tempfile
-from collections.abc import Awaitable, Callable
-from contextlib import closing
+from collections.abc import Awaitable, Callable, Mapping
+from contextlib import closing, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 import httpx
 import numpy as np
+import psutil
 
 from app.services.settings import Settings
 from tests.browser.server import Server
@@ -32,6 +33,12 @@ from .study import STUDY, make_videos, open_shipped
 
 #: Evaluators in the crowd, and the mean time that they look at a pair, in seconds.
 CROWD, THINK_S = 12, 0.4
+
+#: How the shipped study is changed: people soon come to a break, which is over soon.
+STUDY_SO = {"queries_per_trial": 10, "break_s": 3}
+
+#: How long a killed server's workers may take to end by themselves, in seconds.
+END_S = 30
 
 
 @dataclass(frozen=True)
@@ -51,20 +58,42 @@ class Scene:
         while self.answered < wanted:
             await asyncio.sleep(0.02)
 
+    async def somebody_rests(self) -> None:
+        """Wait until somebody is in a break."""
+        while not self.log.resting:
+            await asyncio.sleep(0.02)
+
     @property
     def answered(self) -> int:
         return sum(map(len, self.log.acknowledged.values()))
+
+    def kill(self, *, everybody: bool) -> None:
+        """Kill the server; of several processes the one that began the others, or all at once."""
+        workers: list[psutil.Process] = []
+        if self.server.more and self.server.process is not None:
+            children = psutil.Process(self.server.process.pid).children()
+            workers = [one for one in children if "spawn_main" in " ".join(one.cmdline())]
+        self.server.kill()
+        for worker in workers if everybody else ():
+            with suppress(psutil.NoSuchProcess):
+                worker.kill()
+        # Those that go on would keep the server's port.
+        _, left = psutil.wait_procs(workers, timeout=END_S)
+        for worker in left:
+            worker.kill()
+        if left:
+            self.log.fault(f"{len(left)} workers outlived their server by {END_S} s")
 
 
 Break = Callable[[Scene], Awaitable[None]]
 
 
 async def killed(scene: Scene) -> None:
-    """SIGKILL at a random moment."""
-    for _ in range(scene.times):
+    """SIGKILL at a random moment; of several processes, in turn, the first alone or all."""
+    for time in range(scene.times):
         await scene.answers()
         await asyncio.sleep(scene.rng.uniform(0, 0.5))
-        scene.server.kill()
+        await asyncio.to_thread(scene.kill, everybody=time % 2 == 1)
         await _started(scene.server)
 
 
@@ -142,10 +171,14 @@ async def videos_gone(scene: Scene) -> None:
 
 
 async def clock_back(scene: Scene) -> None:
-    """The server's clock goes back by two hours, and after some answers to where it was."""
+    """The server's clock goes back by two hours, and after some answers to where it was.
+
+    Somebody is in a break each time: nobody is to stay there until the clock comes round again.
+    """
     await scene.answers()
     for hours in (-2.0, 0.0):
-        scene.server.stop()
+        await scene.somebody_rests()
+        await asyncio.to_thread(scene.server.stop)
         scene.server.clock_ahead_h = hours
         await _started(scene.server)
         await scene.answers(3 * CROWD)
@@ -154,6 +187,17 @@ async def clock_back(scene: Scene) -> None:
 SQLITE: tuple[Break, ...] = (killed, ended, disk_full, locked, videos_gone, clock_back)
 POSTGRESQL: tuple[Break, ...] = (killed, ended, database_stopped, database_silent)
 NAMES = [breaking.__name__ for breaking in {*SQLITE, *POSTGRESQL}]
+
+#: Errors that the log is to tell of, by what was broken: how their messages begin.
+_NO_DATABASE = ("the database failed", "the database was lost", "faults could not be counted now")
+#: A connection was left in the middle of a statement: its pool throws it away, and says so.
+_LEFT = ("Exception during reset", "Exception terminating connection")
+EXPLAINED: Mapping[Break, tuple[str, ...]] = {
+    disk_full: _NO_DATABASE,
+    locked: _NO_DATABASE,
+    database_stopped: (*_NO_DATABASE, *_LEFT),
+    database_silent: (*_NO_DATABASE, *_LEFT),
+}
 
 
 async def _started(server: Server) -> None:
@@ -168,14 +212,18 @@ def main() -> None:
     parser.add_argument(
         "--on", choices=["sqlite", "postgresql"], help="default: one after the other"
     )
+    parser.add_argument(
+        "--workers", type=int, default=1, help="processes that serve; several on PostgreSQL alone"
+    )
     parser.add_argument("--media-dir", type=Path, default=Path("build/load-media"))
     options = parser.parse_args()
     print("| broken | on | times asked again | refused | answers acknowledged | lost or doubled |")
     print("|---|---|---|---|---|---|", flush=True)
     sound = True
+    wanted = "postgresql" if options.workers > 1 else options.on
     for on, breaks in (("sqlite", SQLITE), ("postgresql", POSTGRESQL)):
         for breaking in breaks:
-            if options.on in (None, on) and breaking.__name__ in (options.only or NAMES):
+            if wanted in (None, on) and breaking.__name__ in (options.only or NAMES):
                 sound &= _play(breaking, options, postgresql=on == "postgresql")
     sys.exit(0 if sound else 1)
 
@@ -193,32 +241,36 @@ def _play(breaking: Break, options: argparse.Namespace, *, postgresql: bool) -> 
         for video in source.glob("*.mp4"):
             (media / video.name).symlink_to(video)
         settings = Settings(data_dir=folder / "data", media_dir=media, database_url=url)
-        open_shipped(settings, folder)
-        with (folder / "server.log").open("wb") as output:
-            server = Server(settings.data_dir, media, (), url, output)
+        open_shipped(settings, folder, **STUDY_SO)
+        more = ("--workers", str(options.workers)) if options.workers > 1 else ()
+        said = folder / "server.log"
+        with said.open("wb") as output:
+            server = Server(settings.data_dir, media, more, url, output)
             server.start()
             rng = np.random.default_rng(options.seed)
             scene = Scene(server, settings, postgres, rng, Log(), options.times)
             try:
                 asyncio.run(_break(scene, breaking))
             finally:
-                server.kill()
+                scene.kill(everybody=True)
+        errors = stored.errors_in(said, EXPLAINED.get(breaking, ()))
         lost = stored.faults(settings, STUDY, scene.log, scene.log.in_hand)
     log = scene.log
     again = log.statuses.get(0, 0)
     refused = {status: count for status, count in sorted(log.statuses.items()) if status >= 400}
     cells = [
         f"{breaking.__name__.replace('_', ' ')}",
-        "PostgreSQL" if postgresql else "SQLite",
+        f"PostgreSQL, {options.workers}" if postgresql else "SQLite, 1",
         f"{again}",
         ", ".join(f"{count} x {status}" for status, count in refused.items()) or "none",
         f"{scene.answered}",
         "none" if not lost else "; ".join(lost),
     ]
     print(f"| {' | '.join(cells)} |", flush=True)
-    for fault in log.faults[:5]:
+    faults = [*log.faults[:5], *errors[:2]]
+    for fault in faults:
         print(f"  fault: {fault}")
-    return not lost and not log.faults
+    return not lost and not faults
 
 
 async def _break(scene: Scene, breaking: Break) -> None:

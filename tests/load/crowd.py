@@ -51,6 +51,8 @@ class Log:
     videos: int = 0
     video_bytes: int = 0
     completed: int = 0
+    #: Evaluators who are in a break just now.
+    resting: int = 0
 
     def begin(self) -> None:
         """Measure from now on."""
@@ -69,7 +71,7 @@ class Habits:
 
     think_s: float = 12.0
     videos: bool = True
-    #: Whether a server that does not answer is waited for, or is a fault.
+    #: Whether a server that does not answer, or says 503, is waited for, or is a fault.
     patient: bool = False
 
 
@@ -110,12 +112,19 @@ class Evaluator:
                     agreed = {"version": state["consent"]["version"]}
                     state = await self._api("POST", "/api/v1/session/consent", agreed)
                 case "break":
-                    await asyncio.sleep(state["break"]["seconds_left"])
+                    await self._rest(state["break"]["seconds_left"])
                     state = await self._api("POST", "/api/v1/session/continue", None)
                 case _:
                     await asyncio.sleep(self._rng.uniform(1, 3))
                     state = await self._api("POST", "/api/v1/session/continue", None)
         self._log.completed += 1
+
+    async def _rest(self, seconds: float) -> None:
+        self._log.resting += 1
+        try:
+            await asyncio.sleep(seconds)
+        finally:
+            self._log.resting -= 1
 
     async def _query(self, query: State) -> State:
         mean = self._habits.think_s
@@ -224,8 +233,9 @@ class Evaluator:
             if self._habits.patient:
                 return None
         else:
-            # A server that says that it cannot just now will be asked again.
-            if self._habits.patient and answer.status >= 500:
+            # A server that says that it cannot just now will be asked again; any other fault of its
+            # own is one.
+            if self._habits.patient and answer.status == 503:
                 return None
         self._log.fault(f"{method} {path}: {text}")
         raise RefusedError(f"{method} {path}: {text}")

@@ -119,8 +119,7 @@ def _run(folder: Path, evaluators: int, options: argparse.Namespace) -> tuple[Lo
             finally:
                 server.stop()
         lost = stored.faults(settings, STUDY, log, log.in_hand)
-        said = (folder / "server.log").read_text(encoding="utf-8").splitlines()
-        errors = [line[-2000:] for line in said if '"level": "error"' in line]
+        errors = stored.errors_in(folder / "server.log")
     return log, cost, [*lost, *log.faults[:5], *errors[:2]]
 
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 from collections import defaultdict
 from collections.abc import Collection
+from pathlib import Path
 
 from sqlalchemy import func, select
 
@@ -32,6 +34,28 @@ def faults(settings: Settings, slug: str, log: Log, in_hand: InHand) -> list[str
 def faults_in(studio: Studio, slug: str, log: Log, in_hand: InHand) -> list[str]:
     """As `faults`, of a studio that is open."""
     return [*_responses(studio, log, in_hand), *_asked_twice(studio), *_replayed(studio, slug)]
+
+
+def errors_in(log: Path, explained: tuple[str, ...] = ()) -> list[str]:
+    """What a server wrote into its log as errors, but for messages that begin in one of these ways.
+
+    What is no line of JSON, such as the address that it says first, is none, but a traceback is.
+    """
+    found = []
+    for line in log.read_text(encoding="utf-8", errors="replace").splitlines():
+        if line.startswith("Traceback"):
+            found.append(f"the log has a bare {line}")
+        if not line.startswith("{"):
+            continue
+        try:
+            said = json.loads(line)
+        except ValueError:
+            # The last words of a server that was killed.
+            continue
+        is_error = said.get("level") in ("error", "critical")
+        if is_error and not str(said["message"]).startswith(explained):
+            found.append(f"the log says: {said['message']} {said.get('exception', '')[-1500:]}")
+    return found
 
 
 def _responses(studio: Studio, log: Log, in_hand: InHand) -> list[str]:

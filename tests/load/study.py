@@ -6,6 +6,7 @@ import os
 import shutil
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
 import yaml
 
@@ -36,12 +37,15 @@ def make_videos(media_dir: Path) -> None:
             os.link(rendered[number % len(rendered)], path)
 
 
-def open_shipped(settings: Settings, folder: Path) -> None:
-    """Open the shipped study as it is, but for its breaks: a crowd that rests measures nothing."""
+def open_shipped(settings: Settings, folder: Path, **differing: Any) -> None:
+    """Open the shipped study as it is, but for its breaks: a crowd that rests measures nothing.
+
+    differing: what else its plan says otherwise.
+    """
     source = folder / "study"
     shutil.copytree(resolve(STUDY), source)
     plan = source / "study.yaml"
-    changed = yaml.safe_load(plan.read_text(encoding="utf-8")) | {"break_s": 0}
+    changed = yaml.safe_load(plan.read_text(encoding="utf-8")) | {"break_s": 0} | differing
     plan.write_text(yaml.safe_dump(changed, allow_unicode=True), encoding="utf-8")
     studio = open_studio(settings, background=InProcess(1))
     studies.create(studio, studies.load_folder(str(source)))

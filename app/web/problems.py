@@ -46,6 +46,7 @@ KINDS: tuple[tuple[type[Exception], Kind], ...] = (
     (errors.NotFoundError, Kind(404, "not-found", "Not found")),
     (errors.TooManyTriesError, Kind(429, "too-many-tries", "Too many tries")),
     (errors.TooManyBegunError, Kind(429, "too-many-begun", "Too many are beginning")),
+    (errors.TooManyPasswordsError, Kind(429, "too-many-sign-ins", "Too many are signing in")),
     (errors.TooManyError, Kind(429, "too-many", "Too many")),
     (errors.InvitationError, Kind(410, "invitation", "This link is of no use any more")),
     (errors.StoreAwayError, Kind(503, "store-away", "The videos cannot be reached")),

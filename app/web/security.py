@@ -57,6 +57,9 @@ def content_security_policy(
 
 
 _SAFE_METHODS = frozenset({"GET", "HEAD", "OPTIONS"})
+#: Whose requests may change something: our own pages', and those that no page sent. Of a site such
+#: as a university's any other host would be `same-site`.
+_OWN_SITES = frozenset({"same-origin", "none"})
 
 
 def studio_of(request: Request) -> Studio:
@@ -200,7 +203,7 @@ class Guard:
             await send(message)
 
         site = Headers(scope=scope).get("sec-fetch-site", "same-origin")
-        if scope["method"] not in _SAFE_METHODS and site == "cross-site":
+        if scope["method"] not in _SAFE_METHODS and site not in _OWN_SITES:
             refusal = _turned_away(scope["path"], 403, "This request came from another site.")
             await refusal(scope, receive, send_with_headers)
             return

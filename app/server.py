@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import gc
+import multiprocessing
 import os
 import resource
+import shutil
 import signal
 import socket as sockets
 import sys
@@ -149,7 +151,17 @@ def _worker(settings: Settings, foreseen: Path) -> FastAPI:
         # The server's own answer is there already, and is given after ours.
         signal.signal(number, partial(tell, signal.getsignal(number)))
     app.state.stopping = told.is_set
+    threading.Thread(target=partial(_end_with_server, foreseen.parent), daemon=True).start()
     return app
+
+
+def _end_with_server(folder: Path) -> None:
+    """Where the process that all workers began in is killed: they would hold its port for ever."""
+    server = multiprocessing.parent_process()
+    assert server is not None
+    server.join()
+    shutil.rmtree(folder, ignore_errors=True)
+    os.kill(os.getpid(), signal.SIGTERM)
 
 
 def _expect_many() -> None:

@@ -74,7 +74,11 @@ class Settings(BaseSettings):
         ),
     ] = False
     secure_cookies: Annotated[
-        bool, Field(description="Send cookies over HTTPS only. Set it wherever TLS is.")
+        bool,
+        Field(
+            description="Send cookies over HTTPS only, and tell browsers to come by nothing else"
+            " for a year. Set it wherever TLS is."
+        ),
     ] = False
     render_jobs: Annotated[
         int, Field(ge=1, le=64, description="Videos rendered at the same time.")

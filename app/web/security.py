@@ -180,6 +180,8 @@ _HEADERS = (
     ("Cross-Origin-Opener-Policy", "same-origin"),
     ("Permissions-Policy", "camera=(), microphone=(), geolocation=()"),
 )
+#: Where TLS is: for a year a browser comes to this name by HTTPS alone, whatever a link says.
+_BY_HTTPS = ("Strict-Transport-Security", "max-age=31536000")
 
 
 class Guard:
@@ -196,10 +198,12 @@ class Guard:
         async def send_with_headers(message: Message) -> None:
             if message["type"] == "http.response.start":
                 headers = MutableHeaders(scope=message)
-                videos = scope["app"].state.studio.recordings.origin
-                headers.setdefault(POLICY, content_security_policy(videos))
+                studio: Studio = scope["app"].state.studio
+                headers.setdefault(POLICY, content_security_policy(studio.recordings.origin))
                 for name, value in _HEADERS:
                     headers.setdefault(name, value)
+                if studio.settings.secure_cookies:
+                    headers.setdefault(*_BY_HTTPS)
             await send(message)
 
         site = Headers(scope=scope).get("sec-fetch-site", "same-origin")

@@ -44,6 +44,7 @@ def test_every_response_forbids_what_our_pages_do_not_need(
     assert "frame-ancestors 'none'" in policy
     assert "unsafe" not in policy
     assert {name: headers[name] for name in EXPECTED} == EXPECTED
+    assert "strict-transport-security" not in headers
 
 
 @pytest.mark.parametrize("site", ["cross-site", "same-site"])
@@ -114,3 +115,11 @@ class TestBehindTls:
             given = {"email": EMAIL, "password": PASSWORD, "csrf_token": form_token(page)}
             for response in (page, client.post("/sign-in", data=given)):
                 assert "Secure" in response.headers["set-cookie"]
+
+    def test_browsers_are_told_to_come_by_https_alone(
+        self, application: FastAPI, studio: Studio
+    ) -> None:
+        with Api(application, base_url="https://testserver") as client:
+            for path in ("/", "/nothing", "/static/css/app.css", "/api/v1/session"):
+                said = client.get(path).headers["strict-transport-security"]
+                assert said == "max-age=31536000"

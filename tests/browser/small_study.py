@@ -35,14 +35,14 @@ break_s: 0
 """
 
 
-def write_small_study(folder: Path, plan: str = SMALL_PLAN) -> Path:
-    """The folder: five candidates of three recordings each, two seconds long."""
+def write_small_study(folder: Path, plan: str = SMALL_PLAN, candidates: int = CANDIDATES) -> Path:
+    """The folder: candidates of three recordings each, two seconds long."""
     write_study(folder, plan)
     if "languages: [en, ja]" in plan:
         shutil.copytree(SHIPPED["waste-crane"] / "texts" / "ja", folder / "texts" / "ja")
     (folder / "videos").mkdir()
     rows = ["speed,file,score"]
-    for candidate in range(CANDIDATES):
+    for candidate in range(candidates):
         for run in range(RECORDINGS):
             name = f"videos/{candidate}-{run}.mp4"
             _write_video(folder / name, candidate, run)

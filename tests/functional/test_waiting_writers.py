@@ -97,7 +97,9 @@ def test_who_has_waited_for_too_long_is_told_so_and_may_send_again(
     async def scene(http: httpx.AsyncClient) -> list[int]:
         lock.execute("BEGIN IMMEDIATE")
         waiting = [respond(http, one) for one in sessions]
-        await asyncio.sleep(0.5)
+        async with asyncio.timeout(AT_ONCE_S):
+            while sum(one.done() for one in waiting) < told_so:
+                await asyncio.sleep(0.01)
         lock.execute("ROLLBACK")
         return [answer.status_code for answer in await asyncio.gather(*waiting)]
 

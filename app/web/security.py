@@ -5,11 +5,13 @@ from __future__ import annotations
 import hashlib
 import hmac
 import secrets
+from collections.abc import Callable
 from functools import lru_cache
 from typing import Annotated
 
 from fastapi import Depends, Header, Request
 from fastapi.responses import Response
+from starlette.concurrency import run_in_threadpool
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
@@ -110,23 +112,30 @@ async def session_token(
 SessionToken = Annotated[str, Depends(session_token)]
 
 
-def optional_experimenter(
+async def optional_experimenter(
     request: Request,
     studio: StudioDep,
     authorization: Annotated[str | None, Header(include_in_schema=False)] = None,
 ) -> Experimenter | None:
     """The experimenter who asks, by API token or by being signed in; None if nobody is."""
-    token = bearer(authorization)
+    if token := bearer(authorization):
+        return await run_in_threadpool(_found, accounts.by_api_token, studio, token)
+    if cookie := request.cookies.get(SIGN_IN_COOKIE):
+        return await run_in_threadpool(_found, accounts.by_sign_in, studio, cookie)
+    # Nobody, as all evaluators: a crowd that comes waits for no thread.
+    return None
+
+
+def _found(
+    by: Callable[[Studio, str], Experimenter], studio: Studio, secret: str
+) -> Experimenter | None:
     try:
-        if token is not None:
-            return accounts.by_api_token(studio, token)
-        cookie = request.cookies.get(SIGN_IN_COOKIE)
-        return accounts.by_sign_in(studio, cookie) if cookie else None
+        return by(studio, secret)
     except SignInRequiredError:
         return None
 
 
-def experimenter(
+async def experimenter(
     found: Annotated[Experimenter | None, Depends(optional_experimenter)],
 ) -> Experimenter:
     """The experimenter who asks. Raises SignInRequiredError."""

@@ -55,12 +55,15 @@ def test_word_of_an_earlier_pair_that_comes_late_stops_nothing(
         else:
             videos.append(route)
 
+    def hear(response: Response) -> None:
+        said.append(response)
+
     page.on("request", lambda request: fetched.add(path(request)))
     page.route("**/api/v1/session", hold_the_first)
     enter_small(page, f"{server.url}/s/small")
     until(page, lambda: looks, "the page looks ahead")
     page.route("**/media/*.mp4", hold)
-    page.on("response", said.append)
+    page.on("response", hear)
     with page.expect_response("**/api/v1/session/responses") as answered:
         page.keyboard.press("ArrowLeft")
     query = answered.value.json()["query"]

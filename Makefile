@@ -41,7 +41,7 @@ test: export PBPO_TEST_MEDIA_DIR ?= $(CURDIR)/build/test-media
 # The browsers come last: nothing else should take the machine from them.
 test: $(VENV)/.dev
 	$(PYTEST) tests/unit tests/functional
-	$(PYTEST) --database postgresql tests/functional
+	$(PYTEST) --database postgresql tests/unit/storage tests/functional
 	$(PYTEST) tests/browser
 
 lint: $(VENV)/.dev

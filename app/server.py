@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import gc
+import multiprocessing
 import os
 import resource
+import shutil
 import signal
 import socket as sockets
 import sys
@@ -40,6 +42,10 @@ KEEP_ALIVE_S = 310
 #: 5 ms add up.
 SWITCH_S = 0.001
 
+#: How many newcomers are let in at a turn of the event loop: uvloop takes one from each listening
+#: socket, and the turns of a busy server are long.
+DOORS = 16
+
 #: New objects after which those that refer to each other in circles are looked for; Python: 700.
 GARBAGE_AT = 20_000
 
@@ -60,6 +66,11 @@ def listen(host: str, port: int) -> sockets.socket:
             f"expected a free port, and {host}:{port} cannot be had: {error.strerror}"
         ) from None
     return socket
+
+
+def doors(socket: sockets.socket) -> list[sockets.socket]:
+    """The listening socket, so many times."""
+    return [socket, *(socket.dup() for _ in range(DOORS - 1))]
 
 
 class _Server(uvicorn.Server):
@@ -88,7 +99,7 @@ def serve_app(
     config = _config(app, studio.settings, log_config=None if json_logs else LOGGING_CONFIG)
     server = _Server(config, ready)
     app.state.stopping = lambda: server.should_exit
-    server.run(sockets=[socket])
+    server.run(sockets=doors(socket))
 
 
 def serve_with_workers(
@@ -111,7 +122,7 @@ def serve_with_workers(
         )
         # A worker that fits models on a busy machine may be slow to say that it lives.
         config.timeout_worker_healthcheck = 60
-        _Workers(config, [socket], ready).run()
+        _Workers(config, doors(socket), ready).run()
 
 
 class _Workers(Multiprocess):
@@ -149,7 +160,17 @@ def _worker(settings: Settings, foreseen: Path) -> FastAPI:
         # The server's own answer is there already, and is given after ours.
         signal.signal(number, partial(tell, signal.getsignal(number)))
     app.state.stopping = told.is_set
+    threading.Thread(target=partial(_end_with_server, foreseen.parent), daemon=True).start()
     return app
+
+
+def _end_with_server(folder: Path) -> None:
+    """Where the process that all workers began in is killed: they would hold its port for ever."""
+    server = multiprocessing.parent_process()
+    assert server is not None
+    server.join()
+    shutil.rmtree(folder, ignore_errors=True)
+    os.kill(os.getpid(), signal.SIGTERM)
 
 
 def _expect_many() -> None:

@@ -15,6 +15,7 @@ from itertools import count
 from pathlib import Path
 from typing import Any, TypeVar
 
+import hypothesis
 import pytest
 from argon2 import PasswordHasher, Type
 from sqlalchemy import func, select
@@ -31,6 +32,10 @@ from .databases import Databases, PostgresServer, SqliteFiles, compile_once
 pytest_plugins = ["tests.fuzz.plugin"]
 
 T = TypeVar("T")
+
+# The same examples each time; a busy machine may take its time over one.
+hypothesis.settings.register_profile("steady", derandomize=True, deadline=None)
+hypothesis.settings.load_profile("steady")
 
 STARTED = datetime(2026, 3, 1, 9, 0, tzinfo=UTC)
 

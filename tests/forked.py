@@ -21,8 +21,9 @@ ROOT = Path(__file__).parents[1]
 #: What `pbpo serve` loads. None of it begins a thread.
 LOADED = ["app.cli", "app.server", "uvicorn.lifespan.on", "uvicorn.protocols.http.httptools_impl"]
 
-_CONTEXT = multiprocessing.get_context("forkserver")
-_CONTEXT.set_forkserver_preload(LOADED)
+#: For processes that are forked from the one that has loaded all that.
+CONTEXT = multiprocessing.get_context("forkserver")
+CONTEXT.set_forkserver_preload(LOADED)
 
 
 class Process(Protocol):
@@ -45,7 +46,7 @@ class Forked:
     """
 
     def __init__(self, words: Sequence[str], environment: Mapping[str, str], log: Path) -> None:
-        self._process: ForkServerProcess = _CONTEXT.Process(
+        self._process: ForkServerProcess = CONTEXT.Process(
             target=_run, args=(list(words), dict(environment), log)
         )
         self._process.start()

@@ -16,7 +16,7 @@ from sqlalchemy.orm import Session
 
 from app.storage.accounts import Account, ApiToken, SignIn
 
-from . import audit, tries
+from . import audit, hashing, tries
 from .errors import ConflictError, NotFoundError, SignInRequiredError
 from .studio import Studio
 from .tokens import new_secret, secret_hash
@@ -115,18 +115,18 @@ def find(studio: Studio, email: str) -> Experimenter:
 def sign_in(studio: Studio, email: str, password: str) -> str:
     """Check a password: a token for the browser.
 
-    Raises SignInRequiredError, never saying why, or TooManyTriesError, whoever's address it is.
+    Raises SignInRequiredError, never saying why; TooManyTriesError, whoever's address it is; or
+    TooManyPasswordsError, having looked at nothing.
     """
     email = normal(email)
-    with studio.database.write() as session:
-        # Counted before the password is looked at: trying many at once gains nothing.
-        tries.spend(session, studio.now(), email)
-        account = by_address(session, email)
-    is_right = is_password_of(account, password)
+    with hashing.one_at_a_time(studio):
+        with studio.database.write() as session:
+            # Counted before the password is looked at: trying many at once gains nothing.
+            tries.spend(session, studio.now(), email)
+            account = by_address(session, email)
+        is_right = is_password_of(account, password)
     if account is None or account.disabled_at is not None or not is_right:
-        # Of an address that nobody has, nothing is kept: it may be anybody's.
-        known = {} if account is None else {"account": email}
-        audit.note_alone(studio, audit.NOBODY, "sign-in failed", **known)
+        _note_failure(studio, email, is_known=account is not None)
         raise SignInRequiredError("that address and password do not belong together")
     token = new_secret()
     with studio.database.write() as session:
@@ -143,6 +143,17 @@ def sign_in(studio: Studio, email: str, password: str) -> str:
         )
         audit.note(session, now, email, "signed in")
     return token
+
+
+def _note_failure(studio: Studio, email: str, *, is_known: bool) -> None:
+    with studio.database.write() as session:
+        now = studio.now()
+        # Something is written for either: an answer must not take longer where there is an account.
+        tries.was_wrong(session, now, email)
+        if is_known:
+            # Of an address that nobody has, nothing is kept: it may be anybody's, and strangers
+            # could fill the trail, which nothing empties.
+            audit.note(session, now, audit.NOBODY, "sign-in failed", account=email)
 
 
 def sign_out(studio: Studio, token: str) -> None:

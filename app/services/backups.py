@@ -14,9 +14,10 @@ import os
 import shutil
 import tempfile
 import zipfile
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -40,6 +41,10 @@ DATABASE = "database"
 LEDGER = "deletions.log"
 UPLOADS = "uploads"
 _PIECE = 1 << 20
+
+#: Where a backup is put together; one that is killed leaves a copy of the database there.
+_UNFINISHED = ".pbpo-backup-"
+_BACKUPS_LAST = timedelta(days=1)
 
 
 @dataclass(frozen=True)
@@ -74,14 +79,16 @@ class Restored:
 def backup(settings: Settings, target: Path, now: datetime) -> Backup:
     """Write everything that cannot be made again into a new file, readable by its owner alone.
 
-    Raises ConflictError if there is a file already, or if the database cannot be read.
+    What backups that were killed have left beside it is thrown away after a day. Raises
+    ConflictError if there is a file already, or if the database cannot be read.
     """
     if target.exists():
         raise ConflictError(f"expected a new file, and {target} is there already")
     if not target.parent.is_dir():
         raise ConflictError(f"expected a folder to write to, and {target.parent} is none")
+    _throw_away_unfinished(target.parent, now)
     # Beside the target: there is room there, or the backup is in vain.
-    with tempfile.TemporaryDirectory(prefix=".pbpo-backup-", dir=target.parent) as folder:
+    with tempfile.TemporaryDirectory(prefix=_UNFINISHED, dir=target.parent) as folder:
         copy, part = Path(folder) / DATABASE, Path(folder) / "backup.zip"
         try:
             held = dumps.dump(settings.url, copy)
@@ -117,7 +124,8 @@ def restore(source: Path, settings: Settings, ledgers: Sequence[Path], now: date
     """Make a studio of a backup, in a new or empty folder, at the newest schema.
 
     Every file's hash and every table's rows are compared with the manifest. Then what the ledgers
-    name is deleted again. Nothing stays in the folder if anything is wrong. Raises ConflictError.
+    name, and the one that the studio will have, is deleted again. Nothing stays in the folder or in
+    the database if anything is wrong. Raises ConflictError.
     """
     if not source.is_file():
         raise ConflictError(f"expected a backup at {source}, and there is no such file")
@@ -126,27 +134,48 @@ def restore(source: Path, settings: Settings, ledgers: Sequence[Path], now: date
     settings.data_dir.mkdir(parents=True, exist_ok=True, mode=0o700)
     try:
         manifest = _unpack(source, settings)
-        lines += ledger.read(settings.data_dir / LEDGER)
-        _merge(settings.ledger_path, lines)
-        studio = open_studio(settings, now=lambda: now)
-        try:
-            again = redeletion.apply(studio, lines)
-            _settle_videos(studio)
-            missing = _missing(studio)
-            audit.note_alone(
-                studio,
-                audit.COMMAND_LINE,
-                "backup restored",
-                made_at=manifest["made_at"],
-                deleted_again=again,
-            )
-        finally:
-            studio.close()
+        # Before anybody is in the database who may have been deleted. One ledger goes on with all
+        # lines: an older backup may be restored later.
+        lines = ledger.merge(settings.ledger_path, [*lines, *_ledger_of_backup(settings)])
+        with _loaded(source, settings, manifest):
+            again, missing = _make_good(settings, lines, manifest, now)
     except BaseException:
         for path in settings.data_dir.iterdir():
             shutil.rmtree(path) if path.is_dir() else path.unlink()
         raise
     return Restored(_backup(manifest), again, missing)
+
+
+def _make_good(
+    settings: Settings, lines: Sequence[ledger.Deleted], manifest: dict[str, Any], now: datetime
+) -> tuple[int, int]:
+    """Bring what was loaded up to now; how many deletions that took, and how many videos lack."""
+    # Whoever serves it makes the queue of its workers.
+    alone = settings.model_copy(update={"workers_apart": False})
+    studio = open_studio(alone, now=lambda: now, restoring=True)
+    try:
+        again = redeletion.apply(studio, lines)
+        _settle_videos(studio)
+        missing = _missing(studio)
+        audit.note_alone(
+            studio,
+            audit.COMMAND_LINE,
+            "backup restored",
+            made_at=manifest["made_at"],
+            deleted_again=again,
+        )
+    finally:
+        studio.close()
+    return again, missing
+
+
+def _throw_away_unfinished(folder: Path, now: datetime) -> None:
+    for left in folder.glob(f"{_UNFINISHED}*"):
+        # One that is under way may end, or may not be ours to look into.
+        with suppress(OSError):
+            newest = max(path.stat().st_mtime for path in (left, *left.iterdir()))
+            if datetime.fromtimestamp(newest, UTC) <= now - _BACKUPS_LAST:
+                shutil.rmtree(left)
 
 
 def _besides(settings: Settings) -> Iterator[tuple[str, Path]]:
@@ -215,7 +244,7 @@ def _copy(source: Any, target: Any) -> tuple[str, int]:
 
 
 def _unpack(source: Path, settings: Settings) -> dict[str, Any]:
-    """Put the files and the database where they belong, each as its manifest says."""
+    """Put all files into the folder, each as the manifest says; the manifest."""
     try:
         with zipfile.ZipFile(source) as archive:
             manifest = _manifest(archive, source)
@@ -234,20 +263,31 @@ def _unpack(source: Path, settings: Settings) -> dict[str, Any]:
                     raise ConflictError(f"{source}: {name} is not what was backed up (SHA-256)")
     except (OSError, KeyError, zipfile.BadZipFile) as error:
         raise ConflictError(f"expected a whole backup, got {source}: {error}") from None
-    kept = settings.data_dir / LEDGER
-    kept.touch()
-    # As a ledger is made: production refuses one that others can read.
-    kept.chmod(0o600)
-    database = settings.data_dir / DATABASE
-    try:
-        dumps.load(database, settings.url)
-        held = dumps.contents(settings.url)
-    except dumps.DumpError as error:
-        raise ConflictError(str(error)) from None
-    if dict(held.rows) != manifest["rows"]:
-        raise ConflictError(f"{source}: expected {manifest['rows']} rows, got {dict(held.rows)}")
-    database.unlink()
     return manifest
+
+
+def _ledger_of_backup(settings: Settings) -> list[ledger.Deleted]:
+    path = settings.data_dir / LEDGER
+    path.touch()
+    # As a ledger is made: production refuses one that others can read.
+    path.chmod(0o600)
+    return ledger.read(path)
+
+
+@contextmanager
+def _loaded(source: Path, settings: Settings, manifest: dict[str, Any]) -> Iterator[None]:
+    """The unpacked database is put where it belongs; that is final when the block is left well."""
+    unpacked = settings.data_dir / DATABASE
+    try:
+        with dumps.loaded(unpacked, settings.url) as held:
+            if dict(held.rows) != manifest["rows"]:
+                raise ConflictError(
+                    f"{source}: expected {manifest['rows']} rows, got {dict(held.rows)}"
+                )
+            unpacked.unlink()
+            yield
+    except dumps.DumpError as error:
+        raise ConflictError(str(error)) from error
 
 
 def _manifest(archive: zipfile.ZipFile, source: Path) -> dict[str, Any]:
@@ -259,15 +299,6 @@ def _manifest(archive: zipfile.ZipFile, source: Path) -> dict[str, Any]:
     if form != FORMAT:
         raise ConflictError(f"expected a backup of format {FORMAT}, got {form!r}: use newer code")
     return manifest
-
-
-def _merge(target: Path, lines: Iterable[ledger.Deleted]) -> None:
-    """Go on with one ledger that has all lines: an older backup may be restored later."""
-    kept = ledger.Ledger(target)
-    known = set(ledger.read(target)) if target.is_file() else set()
-    for line in dict.fromkeys(lines):
-        if line not in known:
-            kept.note(line.day, line.what, [line.key])
 
 
 def _backup(manifest: dict[str, Any]) -> Backup:

@@ -9,7 +9,7 @@ from sqlalchemy import delete, select
 
 from app.storage.accounts import Account, ApiToken, SignIn
 
-from . import accounts, audit, tries
+from . import accounts, audit, hashing, tries
 from .accounts import API_TOKEN_LASTS, Experimenter, Scope
 from .errors import ConflictError, ForbiddenError, NotFoundError
 from .studio import Studio
@@ -43,15 +43,16 @@ class TokenLine:
 def change_password(studio: Studio, caller: Experimenter, old: str, new: str) -> None:
     """Give one's own account another password; all other browsers are signed out.
 
-    Raises ForbiddenError if the old one is wrong, TooManyTriesError, or ConflictError if the new
-    one is too short.
+    Raises ForbiddenError if the old one is wrong, TooManyTriesError, TooManyPasswordsError, or
+    ConflictError if the new one is too short.
     """
-    with studio.database.write() as session:
-        tries.spend(session, studio.now(), caller.email)
-        account = session.get_one(Account, caller.account_id)
-    if not accounts.is_password_of(account, old):
-        raise ForbiddenError("That is not the present password.")
-    hashed = accounts.hashed_password(new)
+    with hashing.one_at_a_time(studio):
+        with studio.database.write() as session:
+            tries.spend(session, studio.now(), caller.email)
+            account = session.get_one(Account, caller.account_id)
+        if not accounts.is_password_of(account, old):
+            raise ForbiddenError("That is not the present password.")
+        hashed = accounts.hashed_password(new)
     with studio.database.write() as session:
         tries.forgive(session, caller.email)
         session.get_one(Account, caller.account_id).password_hash = hashed

@@ -56,10 +56,12 @@ def require(
     oldest = None if left < 1 else _oldest(session, study, left, now)
     if left >= 1 and oldest is None:
         return
+    # Where deleted ones alone are too many, that is so until their day is over.
+    until = oldest + WITHIN if oldest is not None else _day(now) + timedelta(days=1)
     raise TooManyBegunError(
         f"expected at most {limit} sessions of the study {study.slug!r} to begin within an hour"
         " without an answer",
-        (oldest or now) + WITHIN,
+        until,
     )
 
 
@@ -82,12 +84,16 @@ def _oldest(session: Session, study: StudyInfo, count: int, now: datetime) -> da
 
 
 def _deleted_today(session: Session, study: StudyInfo, now: datetime) -> int:
-    today = now.replace(hour=0, minute=0, second=0, microsecond=0)
     count = select(func.count(Tombstone.id)).where(
         Tombstone.study_id == study.id,
         Tombstone.mode.in_(MODES),
         Tombstone.stage.in_(_EARLY),
         Tombstone.reason == "wish",
-        Tombstone.deleted_at == today,
+        Tombstone.deleted_at == _day(now),
     )
     return session.scalar(count) or 0
+
+
+def _day(now: datetime) -> datetime:
+    """When the day began."""
+    return now.replace(hour=0, minute=0, second=0, microsecond=0)

@@ -19,6 +19,7 @@ from app.study import assignment
 from . import audit, jobs
 from .accounts import Experimenter
 from .errors import ConflictError
+from .scores import mean_scores
 from .studies import StudyInfo
 from .studio import Studio
 
@@ -141,12 +142,14 @@ def duration(studio: Studio, study: StudyInfo) -> Duration | None:
 def design(studio: Studio, study: StudyInfo) -> Design | None:
     """What the study's completed simulated sessions tell; None without any."""
     with studio.database.read() as session:
-        scores = _scores(session, study.id)
+        scores = mean_scores(session, study.id)
         curves = _curves(session, study.id, scores)
     if not curves:
         return None
     plan = study.plan
-    best = {name: max(by.values()) for name, by in scores.items()}
+    best: dict[str, float] = {}
+    for (where, _), score in scores.items():
+        best[where] = max(score, best.get(where, score))
     environment = {one.name: one.environment for one in plan.conditions}
     names = [one.name for one in plan.conditions if any(name == one.name for _, name in curves)]
     regrets = {
@@ -195,21 +198,7 @@ def _steps(queries: int) -> list[int]:
     return sorted({max(1, round(queries * third / 3)) for third in (1, 2, 3)})
 
 
-def _scores(session: Session, study_id: int) -> dict[str, dict[int, float]]:
-    """Mean score of each candidate, by environment."""
-    found: dict[str, dict[int, float]] = defaultdict(dict)
-    for environment, index, score in session.execute(
-        select(Candidate.environment, Candidate.candidate_index, func.avg(Recording.score))
-        .join(Recording, Recording.candidate_id == Candidate.id)
-        .where(Candidate.study_id == study_id, Recording.score.is_not(None))
-        .group_by(Candidate.environment, Candidate.candidate_index)
-        .order_by(Candidate.environment, Candidate.candidate_index)
-    ):
-        found[environment][index] = float(score)
-    return found
-
-
-def _curves(session: Session, study_id: int, scores: Mapping[str, Mapping[int, float]]) -> Curves:
+def _curves(session: Session, study_id: int, scores: Mapping[tuple[str, int], float]) -> Curves:
     """Averaged over a session's trials of a condition; trials of another length are left out."""
     trials: dict[tuple[int, str, int], list[float]] = defaultdict(list)
     for session_id, condition, trial_id, environment, candidate in session.execute(
@@ -224,8 +213,8 @@ def _curves(session: Session, study_id: int, scores: Mapping[str, Mapping[int, f
         )
         .order_by(Trial.id, Acquired.query_index)
     ):
-        if candidate in scores.get(environment, {}):
-            trials[session_id, condition, trial_id].append(scores[environment][candidate])
+        if (environment, candidate) in scores:
+            trials[session_id, condition, trial_id].append(scores[environment, candidate])
     longest = max(map(len, trials.values()), default=0)
     grouped: dict[tuple[int, str], list[list[float]]] = defaultdict(list)
     for (session_id, condition, _), curve in trials.items():

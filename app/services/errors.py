@@ -36,6 +36,10 @@ class TooManyTriesError(TooManyError):
     """Passwords were tried too often."""
 
 
+class TooManyPasswordsError(TooManyError):
+    """More passwords came at once than are looked at."""
+
+
 class TooManyBegunError(TooManyError):
     """More sessions of one study were begun, and not gone on with, than people would begin."""
 

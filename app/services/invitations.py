@@ -13,7 +13,7 @@ from sqlalchemy import CursorResult, delete, select, update
 
 from app.storage.accounts import Invitation, SignIn
 
-from . import accounts, audit
+from . import accounts, audit, hashing
 from .accounts import Role
 from .errors import ConflictError, InvitationError, NotFoundError
 from .studio import Studio
@@ -66,10 +66,11 @@ def accept(studio: Studio, token: str, password: str) -> str:
     """Choose a password; the address that can sign in with it now.
 
     Raises InvitationError if the link cannot be used, or was used a moment ago; ConflictError if
-    the password is too short.
+    the password is too short; TooManyPasswordsError.
     """
     invited = find(studio, token)
-    hashed = accounts.hashed_password(password)
+    with hashing.one_at_a_time(studio):
+        hashed = accounts.hashed_password(password)
     with studio.database.write() as session:
         now = studio.now()
         used = session.execute(

@@ -78,6 +78,23 @@ class Ledger:
             os.fsync(descriptor)
 
 
+def merge(path: Path, lines: Iterable[Deleted]) -> list[Deleted]:
+    """Add to the ledger at `path`, which need not be there yet, what it lacks; all its lines.
+
+    Raises ConflictError if it cannot be read or written.
+    """
+    try:
+        known = dict.fromkeys(read(path) if path.exists() else ())
+        lacking = [line for line in dict.fromkeys(lines) if line not in known]
+        for line in lacking:
+            Ledger(path).note(line.day, line.what, [line.key])
+    except OSError as error:
+        raise ConflictError(
+            f"expected a ledger of deletions to read and write at {path}: {error.strerror}"
+        ) from None
+    return [*known, *lacking]
+
+
 def read(path: Path) -> list[Deleted]:
     """The lines of a ledger; half a line is passed over. Raises ConflictError for another file."""
     try:

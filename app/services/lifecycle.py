@@ -7,10 +7,10 @@ from collections.abc import Sequence
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from app.storage.tables import Candidate, Recording, SessionRow, Study, Trial
+from app.storage.tables import SessionRow, Study, Trial
 from app.study import assignment
 
-from . import audit, ledger, recordings, studies
+from . import audit, ledger, left_videos, studies
 from .errors import ConflictError
 from .studies import StudyInfo
 from .studio import Studio
@@ -96,9 +96,9 @@ def delete(studio: Studio, slug: str, actor: str = audit.COMMAND_LINE, *, typed:
             sessions=number,
         )
         session.flush()
-        still = set(session.scalars(select(Recording.locator).where(Recording.locator.in_(files))))
+        left = left_videos.in_no_study(studio, session, files)
     studio.proposer.forget(seeds)
-    studio.recordings.throw_away(files - still)
+    studio.recordings.throw_away(left)
     studio.database.scrub()
 
 
@@ -116,12 +116,7 @@ def _held(session: Session, study_id: int) -> tuple[frozenset[int], set[str], in
         .join(SessionRow, Trial.session_id == SessionRow.id)
         .where(SessionRow.study_id == study_id)
     )
-    files = session.scalars(
-        select(Recording.locator)
-        .join(Candidate, Recording.candidate_id == Candidate.id)
-        .where(Candidate.study_id == study_id, Recording.source == recordings.FILE)
-    )
     number = len(
         session.scalars(select(SessionRow.id).where(SessionRow.study_id == study_id)).all()
     )
-    return frozenset(seeds), set(files), number
+    return frozenset(seeds), left_videos.of_study(session, study_id), number

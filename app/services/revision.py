@@ -43,6 +43,8 @@ def revise(studio: Studio, folder: StudyFolder, actor: str = audit.COMMAND_LINE)
     """
     slug = folder.plan.slug
     with studio.database.write() as session:
+        # Held: two at once make one version after the other.
+        studies.to_change(session, slug)
         before = studies.read(session, slug)
         _require_the_same(session, before, folder)
         texts = {language: dict(named) for language, named in folder.texts.items()}
@@ -59,6 +61,7 @@ def revise_texts(
     Raises NotFoundError, or StudyFaults with every text that is missing or not filled in.
     """
     with studio.database.write() as session:
+        studies.to_change(session, slug)
         before = studies.read(session, slug)
         given = {
             language: {

@@ -6,11 +6,13 @@ What would let strangers in is refused; what is merely less safe than it could b
 from __future__ import annotations
 
 import ipaddress
+import os
 import stat
 from collections.abc import Iterator
+from pathlib import Path
 from urllib.parse import urlsplit
 
-from sqlalchemy.engine import make_url
+from sqlalchemy.engine import URL, make_url
 
 from . import accounts, demo
 from .errors import ConflictError
@@ -19,6 +21,8 @@ from .studio import Studio, require_queue
 
 #: Bits of a folder's mode that let others than its owner in.
 _OTHERS = stat.S_IRWXG | stat.S_IRWXO
+#: What PostgreSQL calls a connection that is encrypted or none at all.
+_ENCRYPTED = frozenset({"require", "verify-ca", "verify-full"})
 
 
 def require_servable(settings: Settings, workers: int) -> None:
@@ -68,12 +72,18 @@ def unsafe_settings(studio: Studio, host: str) -> Iterator[str]:
             "Cookies would also be sent over plain HTTP, where others can listen: serve behind TLS,"
             " and set PBPO_SECURE_COOKIES=true."
         )
+    if settings.production and os.geteuid() == 0:
+        yield (
+            "It runs as root, and whoever took it over would have the whole machine: run it as a"
+            " user of its own."
+        )
     mode = settings.data_dir.stat().st_mode
     if mode & _OTHERS:
         yield (
             f"Other users of this machine can look into {settings.data_dir}, where the answers"
             f" are: chmod 700 {settings.data_dir}"
         )
+    yield from _unsafe_database(settings)
     store = urlsplit(studio.recordings.origin or "")
     if store.scheme == "http" and (settings.production or not _is_loopback(store.hostname or "")):
         yield (
@@ -95,6 +105,41 @@ def unsafe_settings(studio: Studio, host: str) -> Iterator[str]:
         )
     for name, meant in misspelt_settings():
         yield f"{name} is no setting, and has no effect: {meant} may be meant."
+
+
+def _unsafe_database(settings: Settings) -> Iterator[str]:
+    url = make_url(settings.url)
+    if url.get_backend_name() != "sqlite":
+        for host in _reached_in_the_clear(url):
+            yield (
+                f"Answers would go to and from {host} in the clear, where others can read them: add"
+                " sslmode=require, or better sslmode=verify-full, to PBPO_DATABASE_URL."
+            )
+        return
+    file = Path(url.database or "").resolve()
+    # What lies in the data folder is as safe as that.
+    if file.is_relative_to(settings.data_dir.resolve()) or not file.is_file():
+        return
+    if file.stat().st_mode & _OTHERS and file.parent.stat().st_mode & _OTHERS:
+        yield (
+            f"Other users of this machine can look into {file}, where the answers are:"
+            f" chmod 600 {file}*"
+        )
+
+
+def _reached_in_the_clear(url: URL) -> Iterator[str]:
+    """The machines that PostgreSQL may be asked on without TLS."""
+    if (url.query.get("sslmode") or os.environ.get("PGSSLMODE")) in _ENCRYPTED:
+        return
+    named = url.query.get("host", ())
+    hosts = [url.host or "", *(named.split(",") if isinstance(named, str) else named)]
+    for host in hosts:
+        # Each may have a port of its own.
+        name = host.partition(":")[0] if host.count(":") == 1 else host
+        # A socket is on this machine; a name without a dot, a container on a network of its own.
+        is_far = not name.startswith("/") and ("." in name or ":" in name)
+        if is_far and not _is_loopback(name):
+            yield name
 
 
 def _is_loopback(host: str) -> bool:

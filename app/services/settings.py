@@ -28,6 +28,8 @@ _PREFIX = "PBPO_"
 #: How alike a variable's name is to a setting's if that is meant, from 0 to 1: PBPO_DATABASE is,
 #: PBPO_TEST_MEDIA_DIR is not.
 _NEARLY = 0.86
+#: Prefixes, by version, of the widest networks that are anybody's own: 10.0.0.0/8 and fc00::/7.
+_WIDEST = {4: 8, 6: 7}
 #: Names a folder with a file per setting, such as `pbpo_database_url`: where a container has its
 #: secrets. Words of an environment are seen by whoever may look at a container.
 SECRETS_DIR = "PBPO_SECRETS_DIR"
@@ -72,7 +74,11 @@ class Settings(BaseSettings):
         ),
     ] = False
     secure_cookies: Annotated[
-        bool, Field(description="Send cookies over HTTPS only. Set it wherever TLS is.")
+        bool,
+        Field(
+            description="Send cookies over HTTPS only, and tell browsers to come by nothing else"
+            " for a year. Set it wherever TLS is."
+        ),
     ] = False
     render_jobs: Annotated[
         int, Field(ge=1, le=64, description="Videos rendered at the same time.")
@@ -162,12 +168,15 @@ class Settings(BaseSettings):
     def _known_proxies(cls, value: str) -> str:
         for part in filter(None, map(str.strip, value.split(","))):
             try:
-                ipaddress.ip_network(part)
+                network = ipaddress.ip_network(part)
+                is_named = network.prefixlen >= _WIDEST[network.version]
             except ValueError:
+                is_named = False
+            if not is_named:
                 raise ValueError(
-                    f"expected addresses or networks such as 10.0.0.0/8, got {part!r}: whoever may"
-                    " say that a request came over HTTPS has to be named"
-                ) from None
+                    "expected addresses or networks such as 10.0.0.0/8, and none that is wider, got"
+                    f" {part!r}: whoever may say that a request came over HTTPS has to be named"
+                )
         return value
 
     @field_validator("database_url")

@@ -54,7 +54,8 @@ def share(studio: Studio, slug: str, email: str, actor: str) -> None:
     Raises NotFoundError if nobody has the address, ConflictError for a reviewer.
     """
     with studio.database.write() as session:
-        study = studies.read(session, slug)
+        # Held: of two at once the second sees what the first has done.
+        study = studies.to_change(session, slug)
         account = accounts.require(session, email)
         if account.role == Role.REVIEWER:
             raise ConflictError(

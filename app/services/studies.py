@@ -20,7 +20,7 @@ from app.study import assignment
 from app.study import folder as study_folder
 from app.study.plan import Plan, plan_hash
 
-from . import audit, recordings
+from . import audit, left_videos, recordings
 from .errors import ConflictError, NotFoundError
 from .studio import Studio
 from .tokens import new_public_id
@@ -106,13 +106,24 @@ def create(
     plan = folder.plan
     if plan.slug in RESERVED_SLUGS:
         raise ConflictError(f"expected another slug: {plan.slug!r} is a page of the studio's own")
-    # Videos first, under their content's names: a file that nothing points to does no harm.
-    studio.recordings.keep_files(
-        {
-            recordings.file_locator(row.file, row.sha256): folder.root / row.file
-            for row in folder.recordings
-        }
-    )
+    videos = {
+        recordings.file_locator(row.file, row.sha256): folder.root / row.file
+        for row in folder.recordings
+    }
+    with left_videos.until_stored(studio, videos.keys()):
+        # Videos first, under their content's names: one that nothing points to does no harm.
+        studio.recordings.keep_files(videos)
+        return _stored(studio, folder, owner_id, actor, may_replace)
+
+
+def _stored(
+    studio: Studio,
+    folder: study_folder.StudyFolder,
+    owner_id: int | None,
+    actor: str,
+    may_replace: Callable[[Session, int], bool],
+) -> StudyInfo:
+    plan = folder.plan
     places = list(_candidates(folder))
     with studio.database.write() as session:
         earlier = session.scalar(select(Study).where(Study.slug == plan.slug))
@@ -121,7 +132,9 @@ def create(
             if not may_replace(session, earlier.id):
                 raise ConflictError(f"expected another slug: {plan.slug!r} is taken")
             ties = _ties(session, earlier.id) or ties
+            had = left_videos.of_study(session, earlier.id)
             _delete_draft(session, earlier)
+            left_videos.leave(studio, had)
         now = studio.now()
         study = Study(slug=plan.slug, status=DRAFT, created_at=now)
         version = PlanVersion(

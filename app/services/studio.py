@@ -10,6 +10,7 @@ from pathlib import Path
 
 from threadpoolctl import threadpool_limits
 
+from app.storage import dumps
 from app.storage.database import Database
 from app.storage.schema import bring_to_newest
 
@@ -66,10 +67,13 @@ def open_studio(
     seed: Callable[[], int] = new_seed,
     background: Background | None = None,
     foreseen: ForeseenTogether[Step] | None = None,
+    restoring: bool = False,
 ) -> Studio:
     """Open the studio of `settings`, bringing its database to the newest schema.
 
-    foreseen: what is worked out ahead, where other processes serve the same people.
+    foreseen: what is worked out ahead, where other processes serve the same people. restoring:
+    whether this is the restore that the database is under; others are refused until it is done.
+    Raises ConflictError.
     """
     # A fit takes some milliseconds on one processor, and several times that if every fit of every
     # evaluator tries to have them all.
@@ -82,6 +86,8 @@ def open_studio(
         _make_folder(settings.own_videos_dir, 0o750)
     database = Database(settings.url)
     try:
+        if not restoring:
+            _require_whole(database)
         bring_to_newest(database)
         if settings.workers_apart:
             background = _with_workers(database, background)
@@ -117,6 +123,14 @@ def _make_folder(folder: Path, mode: int = 0o777) -> None:
         raise ConflictError(
             f"expected a folder to write to, and {folder} cannot be made: {error.strerror}"
         ) from None
+
+
+def _require_whole(database: Database) -> None:
+    with database.engine.connect() as connection:
+        try:
+            dumps.require_whole(connection)
+        except dumps.DumpError as error:
+            raise ConflictError(str(error)) from None
 
 
 def require_queue() -> None:

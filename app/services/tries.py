@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from datetime import datetime, timedelta
 
-from sqlalchemy import delete, select
+from sqlalchemy import delete, func, select, update
 from sqlalchemy.orm import Session
 
 from app.storage.accounts import FailedSignIn
+from app.storage.alone import take_turn
 
 from .errors import TooManyTriesError
 from .tokens import secret_hash
@@ -19,8 +20,10 @@ WITHIN = timedelta(minutes=15)
 
 def spend(session: Session, now: datetime, email: str) -> None:
     """Count one try, before it is known whether it succeeds. Raises TooManyTriesError."""
-    session.execute(delete(FailedSignIn).where(FailedSignIn.failed_at <= now - WITHIN))
     hashed = _key(email)
+    # Of many at once each has to see those that were counted before it.
+    take_turn(session, hashed)
+    session.execute(delete(FailedSignIn).where(FailedSignIn.failed_at <= now - WITHIN))
     times = session.scalars(
         select(FailedSignIn.failed_at)
         .where(FailedSignIn.key_hash == hashed)
@@ -31,6 +34,17 @@ def spend(session: Session, now: datetime, email: str) -> None:
         until = times[-1] + WITHIN
         raise TooManyTriesError(f"expected at most {TRIES} tries in 15 minutes", until)
     session.add(FailedSignIn(key_hash=hashed, failed_at=now))
+
+
+def was_wrong(session: Session, now: datetime, email: str) -> None:
+    """The newest try of an address has failed: its minutes begin now."""
+    newest = select(func.max(FailedSignIn.id)).where(FailedSignIn.key_hash == _key(email))
+    session.execute(
+        update(FailedSignIn)
+        .where(FailedSignIn.id == newest.scalar_subquery())
+        .values(failed_at=now)
+        .execution_options(synchronize_session=False)
+    )
 
 
 def forgive(session: Session, email: str) -> None:

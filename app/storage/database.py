@@ -18,7 +18,7 @@ from sqlalchemy.exc import DataError
 from sqlalchemy.exc import TimeoutError as WaitedTooLongError
 from sqlalchemy.orm import Session, sessionmaker
 
-from . import patience
+from . import clashes, patience
 from .commits import commit
 from .impatient import Impatient
 
@@ -178,6 +178,7 @@ def _engine(url: str) -> Engine:
             hide_parameters=True,
         )
         event.listen(engine, "handle_error", _not_storable)
+        event.listen(engine, "handle_error", clashes.leave_out_the_row)
         return engine
     # One connection per thread of the server's pool: a waiting reader never starves a response.
     engine = create_engine(url, pool_size=16, max_overflow=32, hide_parameters=True)
@@ -201,6 +202,7 @@ def _impatient_engine(url: str) -> Engine:
         hide_parameters=True,
     )
     event.listen(engine, "handle_error", _not_storable)
+    event.listen(engine, "handle_error", clashes.leave_out_the_row)
     return engine
 
 

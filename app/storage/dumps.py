@@ -2,6 +2,10 @@
 
 SQLite copies itself by its online backup; PostgreSQL has pg_dump and pg_restore for it, which have
 to be of the server's version or a newer one. What is counted is what the file holds.
+
+What is put back holds people who were deleted since. Until they are deleted again, a mark in the
+database says that it is nobody's to open, so that also a restore which was killed brings nobody
+back.
 """
 
 from __future__ import annotations
@@ -10,13 +14,15 @@ import os
 import shutil
 import sqlite3
 import subprocess
-from collections.abc import Iterator, Mapping
-from contextlib import closing
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from sqlalchemy import Connection, create_engine, inspect, text
-from sqlalchemy.engine import URL, make_url
+from sqlalchemy.engine import make_url
+from sqlalchemy.exc import SQLAlchemyError
 
 from .schema import revision_of
 
@@ -25,6 +31,22 @@ POSTGRESQL = "postgresql"
 
 #: Where Procrastinate keeps its queue: what waits there is asked for again.
 QUEUE_SCHEMA = "procrastinate"
+
+#: A table that is there from before anything is put back until all of it is seen to.
+_MARK = "restore_not_finished"
+_MAKE_MARK = f"CREATE TABLE {_MARK} (since INTEGER)"
+
+#: What the triggers of our tables call: it does not go with them.
+_FUNCTIONS_OF_TRIGGERS = """
+    SELECT DISTINCT tgfoid::regprocedure::text
+    FROM pg_trigger JOIN pg_class ON pg_class.oid = tgrelid
+    WHERE NOT tgisinternal AND relnamespace = current_schema()::regnamespace
+"""
+
+_AGAIN = "throw the database away, and restore into a new one"
+
+#: Words of a command can be seen by all of the machine: these are never among them.
+_SECRET = ("password", "sslpassword")
 
 
 class DumpError(Exception):
@@ -48,24 +70,43 @@ def dump(url: str, target: Path) -> Contents:
     return _dump_sqlite(url, target) if kind_of(url) == SQLITE else _dump_postgresql(url, target)
 
 
-def load(source: Path, url: str) -> None:
-    """Put a dump back. The database must be empty; SQLite's file must not be there."""
-    if kind_of(url) == SQLITE:
-        shutil.copyfile(source, _file(url))
-        return
-    if contents(url).rows:
-        raise DumpError("expected an empty database at PBPO_DATABASE_URL, and it has tables")
-    _run(url, "pg_restore", "--no-owner", "--no-acl", "--exit-on-error", str(source))
+@contextmanager
+def loaded(source: Path, url: str) -> Iterator[Contents]:
+    """Put a dump back into a database that is empty (SQLite: not there); yields what it holds.
 
-
-def contents(url: str) -> Contents:
-    """What the database holds now."""
-    engine = create_engine(url, hide_parameters=True)
+    Until the block ends, nobody else opens it as a studio (`require_whole`). Left by an exception,
+    the database is empty again. Raises DumpError.
+    """
+    _claim(url)
     try:
-        with engine.connect() as connection:
-            return _contents(connection)
-    finally:
-        engine.dispose()
+        _load(source, url)
+        yield contents(url)
+        _change(url, [f"DROP TABLE {_MARK}"])
+    except BaseException as error:
+        try:
+            _clear(url)
+        except (SQLAlchemyError, OSError):
+            raise DumpError(
+                f"{error}; and what it put into the database could not be taken out again: {_AGAIN}"
+            ) from error
+        raise
+
+
+def require_whole(connection: Connection) -> None:
+    """Raises DumpError if a restore into this database is under way, or was killed."""
+    if inspect(connection).has_table(_MARK):
+        raise DumpError(
+            "a restore into this database is under way or did not finish, and people who were"
+            f" deleted may be in it. If it is not under way: {_AGAIN}"
+        )
+
+
+def contents(url: str, *, whole: bool = False) -> Contents:
+    """What the database holds now. whole: raise DumpError if a restore into it did not finish."""
+    with _connected(url) as connection:
+        if whole:
+            require_whole(connection)
+        return _contents(connection)
 
 
 def _dump_sqlite(url: str, target: Path) -> Contents:
@@ -79,27 +120,85 @@ def _dump_sqlite(url: str, target: Path) -> Contents:
         faults = copy.execute("PRAGMA integrity_check").fetchall()
     if faults != [("ok",)]:
         raise DumpError(f"the database is damaged: {faults[0][0]}")
-    return contents(f"sqlite:///{target}")
+    return contents(f"sqlite:///{target}", whole=True)
 
 
 def _dump_postgresql(url: str, target: Path) -> Contents:
-    engine = create_engine(url, isolation_level="REPEATABLE READ", hide_parameters=True)
+    with _connected(url, isolation_level="REPEATABLE READ") as connection:
+        require_whole(connection)
+        # pg_dump sees exactly what is counted here, whatever is written meanwhile.
+        snapshot = str(connection.scalar(text("SELECT pg_export_snapshot()")))
+        words = (
+            *("--format=custom", "--no-owner", "--no-acl", f"--snapshot={snapshot}"),
+            f"--exclude-schema={QUEUE_SCHEMA}",
+        )
+        _run(url, "pg_dump", *words, f"--file={target}")
+        return _contents(connection)
+
+
+def _claim(url: str) -> None:
+    """See to it that there is nothing yet, and that from now on nobody opens it."""
+    if kind_of(url) == SQLITE:
+        # It appears under its name with the mark in it.
+        if _file(url).exists():
+            raise DumpError(f"expected a new database at {_file(url)}, and there is a file")
+        return
+    with _connected(url) as connection:
+        require_whole(connection)
+        if inspect(connection).get_table_names():
+            raise DumpError("expected an empty database at PBPO_DATABASE_URL, and it has tables")
+        connection.execute(text(_MAKE_MARK))
+        connection.commit()
+
+
+def _load(source: Path, url: str) -> None:
+    if kind_of(url) == POSTGRESQL:
+        words = ("--no-owner", "--no-acl", "--single-transaction")
+        _run(url, "pg_restore", *words, str(source))
+        return
+    path = _file(url)
+    part = path.with_name(f"{path.name}.part")
+    shutil.copyfile(source, part)
+    _change(f"sqlite:///{part}", [_MAKE_MARK])
+    part.rename(path)
+
+
+def _clear(url: str) -> None:
+    """Take out everything that was put back, in one transaction."""
+    if kind_of(url) == SQLITE:
+        path = _file(url)
+        for ending in ("", ".part", "-wal", "-shm", "-journal"):
+            path.with_name(f"{path.name}{ending}").unlink(missing_ok=True)
+        return
+    with _connected(url) as connection:
+        functions = connection.scalars(text(_FUNCTIONS_OF_TRIGGERS)).all()
+        quoted = connection.dialect.identifier_preparer.quote
+        tables = [quoted(name) for name in inspect(connection).get_table_names()]
+    if tables:
+        dropped = [f"DROP FUNCTION {function}" for function in functions]
+        _change(url, [f"DROP TABLE {', '.join(tables)} CASCADE", *dropped])
+
+
+def _change(url: str, statements: Sequence[str]) -> None:
+    """Carry them out in one transaction."""
+    with _connected(url) as connection:
+        for statement in statements:
+            connection.execute(text(statement))
+        connection.commit()
+
+
+@contextmanager
+def _connected(url: str, **options: Any) -> Iterator[Connection]:
+    engine = create_engine(url, hide_parameters=True, **options)
     try:
         with engine.connect() as connection:
-            # pg_dump sees exactly what is counted here, whatever is written meanwhile.
-            snapshot = str(connection.scalar(text("SELECT pg_export_snapshot()")))
-            words = (
-                *("--format=custom", "--no-owner", "--no-acl", f"--snapshot={snapshot}"),
-                f"--exclude-schema={QUEUE_SCHEMA}",
-            )
-            _run(url, "pg_dump", *words, f"--file={target}")
-            return _contents(connection)
+            yield connection
     finally:
         engine.dispose()
 
 
 def _contents(connection: Connection) -> Contents:
-    names = sorted(inspect(connection).get_table_names())
+    names = sorted(set(inspect(connection).get_table_names()) - {_MARK})
     quoted = connection.dialect.identifier_preparer.quote
     rows = {
         name: int(connection.scalar(text(f"SELECT count(*) FROM {quoted(name)}")) or 0)  # noqa: S608
@@ -119,12 +218,10 @@ def _run(url: str, program: str, *words: str) -> None:
             f"expected {program} on this machine, of the database's version or newer, and there is"
             " none (Debian: apt-get install postgresql-client)"
         )
-    parts = make_url(url)
-    named = [] if program == "pg_dump" else [f"--dbname={parts.database}"]
-    # By its environment: words of a command, and so a password, can be seen by all of the machine.
-    environment = {**os.environ, **dict(_environment(parts))}
+    place, password = reached(url)
+    environment = os.environ if password is None else {**os.environ, "PGPASSWORD": password}
     done = subprocess.run(  # noqa: S603 - the program's name is one of ours
-        [program, *named, *words],
+        [program, f"--dbname={place}", *words],
         env=environment,
         capture_output=True,
         text=True,
@@ -135,14 +232,12 @@ def _run(url: str, program: str, *words: str) -> None:
         raise DumpError("; ".join([f"{program} failed", *said[:2]]))
 
 
-def _environment(url: URL) -> Iterator[tuple[str, str]]:
-    """What libpq reads of a URL: a socket's folder stands in its query."""
-    values = {
-        "PGHOST": url.host or url.query.get("host"),
-        "PGPORT": url.port or url.query.get("port"),
-        "PGUSER": url.username,
-        "PGPASSWORD": url.password,
-        "PGDATABASE": url.database,
-        "PGSSLMODE": url.query.get("sslmode"),
-    }
-    yield from ((name, str(value)) for name, value in values.items() if value)
+def reached(url: str) -> tuple[str, str | None]:
+    """The words by which libpq reaches a database as we do, without secrets, and the password."""
+    # What PostgreSQL needs is not installed everywhere.
+    from psycopg.conninfo import make_conninfo  # noqa: PLC0415
+
+    parts = make_url(url)
+    _, options = parts.get_dialect()().create_connect_args(parts)
+    said = {name: value for name, value in options.items() if name not in _SECRET}
+    return make_conninfo(**said), options.get("password")

@@ -10,12 +10,13 @@ from typing import Any
 from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse, Response
-from sqlalchemy.exc import DataError, OperationalError
+from sqlalchemy.exc import DataError, IntegrityError, OperationalError
 from sqlalchemy.exc import TimeoutError as WaitedTooLongError
 from starlette.exceptions import HTTPException
 
 from app.services import errors, uploads
 from app.services.studio import Studio
+from app.storage.clashes import is_clash
 from app.storage.commits import CommitLostError
 from app.study import protocol
 
@@ -45,6 +46,7 @@ class Kind:
 KINDS: tuple[tuple[type[Exception], Kind], ...] = (
     (errors.NotFoundError, Kind(404, "not-found", "Not found")),
     (errors.TooManyTriesError, Kind(429, "too-many-tries", "Too many tries")),
+    (errors.TooManyPasswordsError, Kind(429, "too-many-sign-ins", "Too many are signing in")),
     (errors.TooManyBegunError, Kind(429, "too-many-begun", "Too many are beginning")),
     (errors.TooManyError, Kind(429, "too-many", "Too many")),
     (errors.InvitationError, Kind(410, "invitation", "This link is of no use any more")),
@@ -137,6 +139,7 @@ def install(app: FastAPI) -> None:
         app.add_exception_handler(domain_error, _domain_error)
     app.add_exception_handler(RequestValidationError, _invalid)
     app.add_exception_handler(DataError, _not_storable)
+    app.add_exception_handler(IntegrityError, _clash)
     for failure in (OperationalError, WaitedTooLongError):
         app.add_exception_handler(failure, _out_of_order)
     app.add_exception_handler(CommitLostError, _outcome_unknown)
@@ -216,6 +219,16 @@ async def _invalid(request: Request, error: Exception) -> Response:
 async def _not_storable(request: Request, _error: Exception) -> Response:
     detail = "expected text and numbers that the database can hold, got a NUL or a number too large"
     return _answer(request, Kind(422, "invalid", "Not understood"), detail)
+
+
+async def _clash(request: Request, error: Exception) -> Response:
+    """Two did the same at once, and this one came second: nothing of it was stored."""
+    if not is_clash(error):
+        raise error
+    assert isinstance(error, IntegrityError)
+    log.warning("two did the same at once: %s", error.orig)
+    detail = "somebody else has just done the same, or deleted what this is about: look again"
+    return _answer(request, kind_of(errors.ConflictError()), detail)
 
 
 async def _out_of_order(request: Request, error: Exception) -> Response:

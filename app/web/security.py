@@ -5,11 +5,13 @@ from __future__ import annotations
 import hashlib
 import hmac
 import secrets
+from collections.abc import Callable
 from functools import lru_cache
 from typing import Annotated
 
 from fastapi import Depends, Header, Request
 from fastapi.responses import Response
+from starlette.concurrency import run_in_threadpool
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
@@ -57,6 +59,9 @@ def content_security_policy(
 
 
 _SAFE_METHODS = frozenset({"GET", "HEAD", "OPTIONS"})
+#: Whose requests may change something: our own pages', and those that no page sent. Of a site such
+#: as a university's any other host would be `same-site`.
+_OWN_SITES = frozenset({"same-origin", "none"})
 
 
 def studio_of(request: Request) -> Studio:
@@ -107,23 +112,30 @@ async def session_token(
 SessionToken = Annotated[str, Depends(session_token)]
 
 
-def optional_experimenter(
+async def optional_experimenter(
     request: Request,
     studio: StudioDep,
     authorization: Annotated[str | None, Header(include_in_schema=False)] = None,
 ) -> Experimenter | None:
     """The experimenter who asks, by API token or by being signed in; None if nobody is."""
-    token = bearer(authorization)
+    if token := bearer(authorization):
+        return await run_in_threadpool(_found, accounts.by_api_token, studio, token)
+    if cookie := request.cookies.get(SIGN_IN_COOKIE):
+        return await run_in_threadpool(_found, accounts.by_sign_in, studio, cookie)
+    # Nobody, as all evaluators: a crowd that comes waits for no thread.
+    return None
+
+
+def _found(
+    by: Callable[[Studio, str], Experimenter], studio: Studio, secret: str
+) -> Experimenter | None:
     try:
-        if token is not None:
-            return accounts.by_api_token(studio, token)
-        cookie = request.cookies.get(SIGN_IN_COOKIE)
-        return accounts.by_sign_in(studio, cookie) if cookie else None
+        return by(studio, secret)
     except SignInRequiredError:
         return None
 
 
-def experimenter(
+async def experimenter(
     found: Annotated[Experimenter | None, Depends(optional_experimenter)],
 ) -> Experimenter:
     """The experimenter who asks. Raises SignInRequiredError."""
@@ -177,6 +189,8 @@ _HEADERS = (
     ("Cross-Origin-Opener-Policy", "same-origin"),
     ("Permissions-Policy", "camera=(), microphone=(), geolocation=()"),
 )
+#: Where TLS is: for a year a browser comes to this name by HTTPS alone, whatever a link says.
+_BY_HTTPS = ("Strict-Transport-Security", "max-age=31536000")
 
 
 class Guard:
@@ -193,14 +207,16 @@ class Guard:
         async def send_with_headers(message: Message) -> None:
             if message["type"] == "http.response.start":
                 headers = MutableHeaders(scope=message)
-                videos = scope["app"].state.studio.recordings.origin
-                headers.setdefault(POLICY, content_security_policy(videos))
+                studio: Studio = scope["app"].state.studio
+                headers.setdefault(POLICY, content_security_policy(studio.recordings.origin))
                 for name, value in _HEADERS:
                     headers.setdefault(name, value)
+                if studio.settings.secure_cookies:
+                    headers.setdefault(*_BY_HTTPS)
             await send(message)
 
         site = Headers(scope=scope).get("sec-fetch-site", "same-origin")
-        if scope["method"] not in _SAFE_METHODS and site == "cross-site":
+        if scope["method"] not in _SAFE_METHODS and site not in _OWN_SITES:
             refusal = _turned_away(scope["path"], 403, "This request came from another site.")
             await refusal(scope, receive, send_with_headers)
             return

@@ -8,7 +8,7 @@ from fastapi import APIRouter, Form, Request
 from fastapi.responses import RedirectResponse, Response
 
 from app.services import accounts
-from app.services.errors import SignInRequiredError, TooManyTriesError
+from app.services.errors import SignInRequiredError, TooManyError, TooManyTriesError
 from app.services.studio import Studio
 
 from .desk import AnybodysForm
@@ -54,8 +54,8 @@ def sign_in(
         return _sign_in_page(
             request, studio, next, "That address and password do not belong together.", status=401
         )
-    except TooManyTriesError as error:
-        refusal = _sign_in_page(request, studio, next, too_many_tries(studio, error), status=429)
+    except TooManyError as error:
+        refusal = _sign_in_page(request, studio, next, _too_many(studio, error), status=429)
         refusal.headers["Retry-After"] = str(seconds_until(studio, error))
         return refusal
     response = RedirectResponse(_own_path(next), status_code=303)
@@ -109,6 +109,12 @@ def page_with_form(
     if fresh is not None:
         set_cookie(response, studio, FORM_COOKIE, fresh)
     return response
+
+
+def _too_many(studio: Studio, error: TooManyError) -> str:
+    if isinstance(error, TooManyTriesError):
+        return too_many_tries(studio, error)
+    return "Too many are signing in just now. Please try again in a moment."
 
 
 def too_many_tries(studio: Studio, error: TooManyTriesError) -> str:

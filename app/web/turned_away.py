@@ -56,6 +56,7 @@ def crowded(request: Request, slug: str, studio: Studio, error: TooManyBegunErro
         status=429,
         **about(request, plan),
         minutes=ceil(seconds / 60),
+        hours=ceil(seconds / 3600),
     )
     response.headers["Retry-After"] = str(seconds)
     return response

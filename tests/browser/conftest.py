@@ -98,14 +98,17 @@ def server(tmp_path: Path, media_dir: Path) -> Iterator[Server]:
 
 
 @pytest.fixture
-def serve(tmp_path: Path, media_dir: Path) -> Iterator[Callable[[str], Server]]:
-    """Starts a server with one open study of small videos under the plan that it is given."""
+def serve(tmp_path: Path, media_dir: Path) -> Iterator[Callable[..., Server]]:
+    """Starts a server with one open study of small videos under the plan that it is given.
+
+    The same words as of `write_small_study` may follow.
+    """
     servers: list[Server] = []
 
-    def start(plan: str) -> Server:
+    def start(plan: str, **more: int) -> Server:
         data_dir = tmp_path / "data"
         studio = open_studio(Settings(data_dir=data_dir, media_dir=media_dir))
-        folder = studies.load_folder(str(write_small_study(tmp_path / "study", plan)))
+        folder = studies.load_folder(str(write_small_study(tmp_path / "study", plan, **more)))
         studies.create(studio, folder)
         studies.open_study(studio, folder.plan.slug)
         studio.close()

@@ -35,23 +35,23 @@ break_s: 0
 """
 
 
-def write_small_study(folder: Path, plan: str = SMALL_PLAN) -> Path:
-    """The folder: five candidates of three recordings each, two seconds long."""
+def write_small_study(folder: Path, plan: str = SMALL_PLAN, candidates: int = CANDIDATES) -> Path:
+    """The folder: candidates of three recordings each, two seconds long."""
     write_study(folder, plan)
     if "languages: [en, ja]" in plan:
         shutil.copytree(SHIPPED["waste-crane"] / "texts" / "ja", folder / "texts" / "ja")
     (folder / "videos").mkdir()
     rows = ["speed,file,score"]
-    for candidate in range(CANDIDATES):
+    for candidate in range(candidates):
         for run in range(RECORDINGS):
             name = f"videos/{candidate}-{run}.mp4"
-            _write_video(folder / name, candidate, run)
+            _write_video(folder / name, candidate, run, min(15, HEIGHT_PX // candidates))
             rows.append(f"{candidate / 10},{name},{candidate}")
     (folder / "recordings.csv").write_text("\n".join(rows) + "\n", encoding="utf-8")
     return folder
 
 
-def _write_video(path: Path, candidate: int, run: int) -> None:
+def _write_video(path: Path, candidate: int, run: int, bar_px: int) -> None:
     """A bar that moves to the right, lower for each candidate, on a ground of its recording's."""
     with av.open(path, mode="w") as container:
         stream = container.add_stream("libx264", rate=FRAMES_PER_SECOND)
@@ -59,6 +59,7 @@ def _write_video(path: Path, candidate: int, run: int) -> None:
         stream.codec_context.thread_count = 1
         for frame in range(FRAMES_PER_SECOND * SECONDS):
             picture = np.full((HEIGHT_PX, WIDTH_PX, 3), 200 - 40 * run, dtype=np.uint8)
-            picture[15 * candidate : 15 * candidate + 15, 7 * frame : 7 * frame + 20] = 20
+            top = bar_px * candidate
+            picture[top : top + bar_px, 7 * frame : 7 * frame + 20] = 20
             container.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
         container.mux(stream.encode())

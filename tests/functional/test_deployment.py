@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -129,6 +130,38 @@ def test_the_image_has_what_the_program_reads(dockerfile: str) -> None:
     let_in = (ROOT / ".dockerignore").read_text().splitlines()
     assert {f"!{name}" for name in copied} <= set(let_in)
     assert re.search(r"^USER [1-9]\d*:[1-9]\d*$", dockerfile, re.MULTILINE)
+
+
+def test_the_recipe_for_a_restore_fits_the_compose_file(
+    compose: dict[str, Any], dockerfile: str, pbpo: Run
+) -> None:
+    text = (ROOT / "docs" / "operations.md").read_text("utf-8")
+    recipe = text.partition("<!-- recipe:")[2].partition("```sh\n")[2].partition("```")[0]
+    lines = recipe.replace("\\\n", " ").splitlines()
+    words = shlex.split(next(line for line in lines if " restore " in line))
+    mounted = {}
+    for volume in (words[at + 1] for at, word in enumerate(words) if word == "--volume"):
+        name, folder, mode = volume.split(":")
+        # The volumes of the project as it was, which are only read.
+        assert name.removeprefix(f"{compose['name']}_") in compose["volumes"]
+        assert mode == "ro"
+        mounted[folder] = name.removeprefix(f"{compose['name']}_")
+    service, *command = words[words.index("app") :]
+    its_own = {volume.split(":")[1] for volume in compose["services"][service]["volumes"]}
+    # What it writes to is new; the place of the data folder is not taken by what it reads.
+    assert not its_own & mounted.keys()
+    _, backup, _, ledger = command
+    assert mounted[str(Path(backup).parent)] == "backups"
+    assert mounted[str(Path(ledger).parent)] == "ledger"
+    written = re.search(r"/backups/(pbpo-)\$\$\(date -u \+(\S+)\)\.zip", str(compose))
+    assert written is not None
+    pattern = re.sub(r"%(\w)", lambda part: r"\d{4}" if part[1] == "Y" else r"\d\d", written[2])
+    assert re.fullmatch(f"pbpo-{pattern}.zip", Path(backup).name)
+    kept = re.search(r"PBPO_DELETIONS_FILE=/ledger/(\S+)", dockerfile)
+    assert kept is not None
+    assert kept[1] == Path(ledger).name
+    # It is a command of ours: only its files are missing here.
+    assert "there is no such file" in mistake(pbpo(*command))
 
 
 def test_settings_are_read_from_files_of_secrets(

@@ -44,21 +44,34 @@ def test_every_response_forbids_what_our_pages_do_not_need(
     assert "frame-ancestors 'none'" in policy
     assert "unsafe" not in policy
     assert {name: headers[name] for name in EXPECTED} == EXPECTED
+    assert "strict-transport-security" not in headers
 
 
+@pytest.mark.parametrize("site", ["cross-site", "same-site"])
 def test_a_form_of_another_site_is_refused_before_it_is_read(
-    client: Api, short_study: StudyInfo, api_token: str
+    client: Api, short_study: StudyInfo, api_token: str, site: str
 ) -> None:
-    elsewhere = {"Sec-Fetch-Site": "cross-site"}
-    for path in ("/s/short/consent", "/sign-in", "/api/v1/studies/short/sessions"):
+    """Nor is one of another host of the same site, such as a university's."""
+    elsewhere = {"Sec-Fetch-Site": site}
+    for path in (
+        *("/s/short/consent", "/s/short/withdraw", "/sign-in"),
+        *("/api/v1/studies/short/sessions", "/api/v1/session/withdraw"),
+    ):
         refusal = client.post(path, headers=elsewhere)
         assert refusal.status_code == 403
         assert "default-src 'none'" in refusal.headers["content-security-policy"]
     assert client.table("sessions", api_token).empty
 
 
-def test_a_link_on_another_site_leads_in(client: Api, short_study: StudyInfo) -> None:
-    page = client.get("/s/short", headers={"Sec-Fetch-Site": "cross-site"})
+@pytest.mark.parametrize("site", ["same-origin", "none"])
+def test_a_form_of_our_own_pages_is_taken(client: Api, short_study: StudyInfo, site: str) -> None:
+    path = "/api/v1/studies/short/sessions"
+    assert client.post(path, json={}, headers={"Sec-Fetch-Site": site}).status_code == 201
+
+
+@pytest.mark.parametrize("site", ["cross-site", "same-site"])
+def test_a_link_on_another_site_leads_in(client: Api, short_study: StudyInfo, site: str) -> None:
+    page = client.get("/s/short", headers={"Sec-Fetch-Site": site})
     assert page.status_code == 200
 
 
@@ -102,3 +115,11 @@ class TestBehindTls:
             given = {"email": EMAIL, "password": PASSWORD, "csrf_token": form_token(page)}
             for response in (page, client.post("/sign-in", data=given)):
                 assert "Secure" in response.headers["set-cookie"]
+
+    def test_browsers_are_told_to_come_by_https_alone(
+        self, application: FastAPI, studio: Studio
+    ) -> None:
+        with Api(application, base_url="https://testserver") as client:
+            for path in ("/", "/nothing", "/static/css/app.css", "/api/v1/session"):
+                said = client.get(path).headers["strict-transport-security"]
+                assert said == "max-age=31536000"

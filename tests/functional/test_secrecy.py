@@ -31,6 +31,14 @@ TELLING = re.compile(
     re.IGNORECASE,
 )
 OPAQUE = re.compile(r"/media/[A-Za-z0-9]{22}\.mp4")
+#: Drawn by chance: now and then such a name spells a word.
+NAMES = re.compile(r"\b[A-Za-z0-9]{22}\b")
+
+
+def telling(text: str) -> list[str]:
+    """What a text says of the study, leaving out names that were drawn."""
+    found: list[str] = TELLING.findall(NAMES.sub("", text))
+    return found
 
 
 def walk(value: Any, path: str = "") -> Iterator[tuple[str, str, Any]]:
@@ -78,7 +86,7 @@ def test_no_state_tells_what_is_compared(
         told = [
             (path, value)
             for path, _, value in walk(state)
-            if isinstance(value, str) and TELLING.search(value)
+            if isinstance(value, str) and telling(value)
         ]
         assert told == []
         assert "5f0c1ada" not in str(state)
@@ -101,7 +109,7 @@ def test_no_page_tells_what_is_compared(
     session = client.start().to_stage(stage, clock.forward)
     client.cookies.set("pbpo_session_short", session.token)
     page = html.unescape(client.get("/s/short").text).replace('method="post"', "")
-    assert TELLING.findall(page) == []
+    assert telling(page) == []
 
 
 def test_addresses_of_videos_follow_no_order(

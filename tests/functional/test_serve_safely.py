@@ -97,7 +97,10 @@ def test_in_production_what_is_less_safe_is_refused(
         assert advice in said
 
 
-@pytest.mark.parametrize("proxies", ["*", "10.0.0.0/8, lab.example", "10.0.0.1/8"])
+@pytest.mark.parametrize(
+    "proxies",
+    ["*", "10.0.0.0/8, lab.example", "10.0.0.1/8", "0.0.0.0/0", "::1, ::/0", "128.0.0.0/1"],
+)
 def test_proxies_are_named_by_their_addresses(
     pbpo: Run, monkeypatch: pytest.MonkeyPatch, proxies: str
 ) -> None:
@@ -105,6 +108,75 @@ def test_proxies_are_named_by_their_addresses(
     said = mistake(pbpo("serve", "--port", 0))
     assert "PBPO_TRUSTED_PROXIES" in said
     assert "expected addresses or networks" in said
+
+
+@pytest.mark.parametrize(
+    ("address", "host"),
+    [
+        ("lab:secret@db.lab.example/pbpo", "db.lab.example"),
+        ("lab:secret@192.168.1.7/pbpo?sslmode=prefer", "192.168.1.7"),
+        ("lab:secret@[2001:db8::7]/pbpo", "2001:db8::7"),
+        ("lab:secret@/pbpo?host=localhost:5432&host=db.lab.example:5432", "db.lab.example"),
+        ("lab:secret@db.lab.example/pbpo?sslmode=require", None),
+        ("lab:secret@db.lab.example/pbpo?sslmode=verify-full", None),
+        ("lab:secret@127.0.0.1/pbpo", None),
+        ("lab:secret@[::1]/pbpo", None),
+        # As containers call each other on a network of their own.
+        ("lab:secret@postgres/pbpo", None),
+        ("lab:secret@postgres:5432/pbpo", None),
+        ("/pbpo?host=/var/run/postgresql", None),
+    ],
+)
+def test_a_database_far_away_is_spoken_to_over_tls(
+    studio: Studio, monkeypatch: pytest.MonkeyPatch, address: str, host: str | None
+) -> None:
+    monkeypatch.delenv("PGSSLMODE", raising=False)
+    studio.settings.data_dir.chmod(0o700)
+    url = f"postgresql+psycopg://{address}"
+    said = said_of(studio, Settings(data_dir=studio.settings.data_dir, database_url=url))
+    expected = [] if host is None else [f"Answers would go to and from {host} in the clear"]
+    assert [sentence.partition(",")[0] for sentence in said] == expected
+    assert "secret" not in str(said)
+
+
+@pytest.mark.parametrize(
+    ("folder_mode", "mode", "is_said"),
+    [(0o755, 0o644, True), (0o755, 0o600, False), (0o700, 0o644, False)],
+)
+def test_a_database_outside_of_the_data_folder_is_for_its_owner_alone(
+    studio: Studio, tmp_path: Path, folder_mode: int, mode: int, is_said: bool
+) -> None:
+    studio.settings.data_dir.chmod(0o700)
+    folder = tmp_path / "elsewhere"
+    folder.mkdir()
+    file = folder / "answers.sqlite3"
+    file.touch()
+    file.chmod(mode)
+    folder.chmod(folder_mode)
+    settings = Settings(data_dir=studio.settings.data_dir, database_url=f"sqlite:///{file}")
+    assert [f"chmod 600 {file}*" in said for said in said_of(studio, settings)] == [True] * is_said
+
+
+@pytest.mark.parametrize(("user", "is_said"), [(0, True), (10001, False)])
+def test_in_production_nothing_is_served_as_root(
+    studio: Studio, monkeypatch: pytest.MonkeyPatch, user: int, is_said: bool
+) -> None:
+    studio.settings.data_dir.chmod(0o700)
+    monkeypatch.setattr("os.geteuid", lambda: user)
+    secure = studio.settings.model_copy(update={"secure_cookies": True})
+    production = secure.model_copy(update={"production": True})
+    said = said_of(studio, production)
+    assert ["runs as root" in sentence for sentence in said] == [True] * is_said
+    assert said_of(studio, secure) == []
+
+
+def said_of(studio: Studio, settings: Settings) -> list[str]:
+    """What is said of these settings; the studio's are others again afterwards."""
+    before = studio.settings
+    object.__setattr__(studio, "settings", settings)
+    said = list(safety.unsafe_settings(studio, HOST))
+    object.__setattr__(studio, "settings", before)
+    return said
 
 
 @pytest.mark.sqlite

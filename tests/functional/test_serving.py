@@ -50,6 +50,17 @@ def until(condition: object, what: str) -> None:
         time.sleep(0.05)
 
 
+def workers_of(served: Served) -> list[psutil.Process]:
+    """Both of them."""
+    workers = [
+        child
+        for child in psutil.Process(served.pid).children()
+        if "spawn_main" in " ".join(child.cmdline())
+    ]
+    assert len(workers) == 2
+    return workers
+
+
 class Watcher:
     """A browser with the watching page open: it reads the stream of changes until that ends."""
 
@@ -131,12 +142,7 @@ def test_several_workers_serve_one_database_and_count_together(
     monkeypatch.setenv("PBPO_METRICS_TOKEN", TOKEN)
     cookie = prepare(Settings(data_dir=data_dir, media_dir=media_dir), tmp_path / "kettles")
     with Served("serve", data_dir, media_dir, "--workers", "2") as served:
-        workers = [
-            child
-            for child in psutil.Process(served.pid).children()
-            if "spawn_main" in " ".join(child.cmdline())
-        ]
-        assert len(workers) == 2
+        workers = workers_of(served)
         people = [Browser(served.url) for _ in range(6)]
         for person in people:
             person.to_first_query(served.url)
@@ -180,3 +186,22 @@ def test_several_workers_serve_one_database_and_count_together(
         watcher.join()
         assert watcher.ended_well
         assert "graceful shutdown exceeded" not in served.output
+
+
+@pytest.mark.long
+@pytest.mark.postgresql
+def test_workers_leave_their_port_and_their_folder_when_their_server_is_killed(
+    tmp_path: Path, media_dir: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    temporary = tmp_path / "temporary"
+    temporary.mkdir()
+    monkeypatch.setenv("TMPDIR", str(temporary))
+    with Served("serve", tmp_path / "data", media_dir, "--workers", "2") as served:
+        workers = workers_of(served)
+        (shared,) = temporary.glob("pbpo-workers-*")
+    # The way out of `with` is SIGKILL.
+    _, left = psutil.wait_procs(workers, timeout=30)
+    assert not left
+    until(lambda: not shared.exists(), "the folder went")
+    with pytest.raises(httpx.ConnectError):
+        httpx.get(served.url)

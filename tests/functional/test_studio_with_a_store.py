@@ -211,7 +211,7 @@ def test_videos_of_a_backup_are_put_into_the_store_unless_their_study_was_delete
 def test_a_store_that_was_away_is_asked_again_after_a_while(
     studio: Studio, store: S3Server, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(s3_bucket, "AWAY_S", 0.3)
+    monkeypatch.setattr(s3_bucket, "AWAY_S", 1.5)
     store.stop()
     try:
         assert studio.recordings.fault() is not None
@@ -220,7 +220,7 @@ def test_a_store_that_was_away_is_asked_again_after_a_while(
     store.asked.clear()
     assert studio.recordings.fault() is not None
     assert store.asked == []
-    time.sleep(0.4)
+    time.sleep(1.6)
     assert studio.recordings.fault() is None
     assert studio.recordings.fault() is None
     assert len(store.asked) == 2

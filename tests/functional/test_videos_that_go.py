@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 from collections.abc import Callable, Hashable
 from concurrent.futures import Future
@@ -153,3 +154,39 @@ def test_what_cannot_be_read_is_said_to_be_away_and_what_is_gone_is_not_there(
     with pytest.raises(StoreAwayError, match="could not be deleted"):
         store.throw_away(["a.mp4", "folder.mp4"])
     assert not store.at_hand("a.mp4")
+
+
+def test_what_a_power_cut_left_of_a_video_is_kept_anew(tmp_path: Path) -> None:
+    """Of 0 bytes, as file systems leave what was never written: it would be there for good."""
+    video, kept = tmp_path / "a.mp4", tmp_path / "videos" / "a.mp4"
+    video.write_bytes(b"a video")
+    store = FolderStore(kept.parent)
+    kept.parent.mkdir()
+    kept.touch()
+    store.put("a.mp4", video)
+    assert kept.read_bytes() == b"a video"
+    # One that is there is left as it is: somebody may be reading it.
+    before = kept.stat()
+    store.put("a.mp4", video)
+    assert (kept.stat().st_ino, kept.stat().st_mtime_ns) == (before.st_ino, before.st_mtime_ns)
+
+
+def test_a_kept_video_is_on_the_disk_before_it_has_its_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whoever sent it throws it away then, and a power cut may come."""
+    video, kept = tmp_path / "a.mp4", tmp_path / "videos" / "a.mp4"
+    video.write_bytes(b"a video")
+    forced: list[tuple[str, bool]] = []
+    fsync = os.fsync
+
+    def noted(descriptor: int) -> None:
+        fsync(descriptor)
+        forced.append((str(Path(f"/proc/self/fd/{descriptor}").readlink()), kept.exists()))
+
+    monkeypatch.setattr(os, "fsync", noted)
+    FolderStore(kept.parent).put("a.mp4", video)
+    (part, folder) = forced
+    assert part[0].startswith(f"{kept}.")
+    assert not part[1]
+    assert folder == (str(kept.parent), True)

@@ -97,7 +97,8 @@ def test_who_has_waited_for_too_long_is_told_so_and_may_send_again(
     async def scene(http: httpx.AsyncClient) -> list[int]:
         lock.execute("BEGIN IMMEDIATE")
         waiting = [respond(http, one) for one in sessions]
-        await asyncio.sleep(0.5)
+        # Those who were told so wait as well: until that is noted in the database.
+        await asyncio.sleep(1.5)
         lock.execute("ROLLBACK")
         return [answer.status_code for answer in await asyncio.gather(*waiting)]
 

@@ -8,10 +8,11 @@ from typing import Final
 from sqlalchemy.orm import Session
 
 from app.services.export.columns import Request, points
+from app.services.scores import mean_scores
 from app.statistics.comparisons import SampleError, compare, p_value
 
 from .found import Found, Row
-from .reading import answers, holdings, scores
+from .reading import answers, holdings
 
 #: Answers after which the paper looks at what people's trials had acquired (Fig. 17).
 AFTER_ANSWERS: Final = (10, 20, 30)
@@ -20,7 +21,7 @@ AFTER_ANSWERS: Final = (10, 20, 30)
 def on_w(session: Session, request: Request) -> Found:
     """The candidate that each finished trial ended with."""
     by_candidate = points(session, request)
-    of_score = scores(session, request)
+    of_score = mean_scores(session, request.study.id)
     names = [parameter.name for parameter in request.study.plan.parameters]
     last = {(at.session, at.trial): at for at in holdings(session, request) if at.finished}
     rows: list[Row] = [
@@ -63,7 +64,7 @@ def _shown(session: Session, request: Request) -> dict[tuple[str, int], float]:
 
 def scores_acquired(session: Session, request: Request) -> Found:
     """The mean score of what each trial had acquired after 10, 20 and 30 answers, with tests."""
-    of_score = scores(session, request)
+    of_score = mean_scores(session, request.study.id)
     if not of_score:
         return Found((), "The recordings of this study have no scores.")
     plan = request.study.plan

@@ -1,20 +1,18 @@
-"""What findings are worked out from, read plainly: answers, acquired candidates, scores."""
+"""What findings are worked out from, read plainly: answers and acquired candidates."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
-from sqlalchemy import Select, func, select
+from sqlalchemy import Select, select
 from sqlalchemy.orm import Session
 
 from app.services.export.columns import Request, trials_of
 from app.storage.tables import (
     Acquired,
-    Candidate,
     Participant,
     QueryRow,
-    Recording,
     Response,
     SessionRow,
     Trial,
@@ -101,15 +99,3 @@ def _of_trials(request: Request, *columns: Any) -> Select[Any]:
         .order_by(SessionRow.id, Trial.trial_index)
         .execution_options(yield_per=_BATCH)
     )
-
-
-def scores(session: Session, request: Request) -> dict[tuple[str, int], float]:
-    """The mean score of each candidate's recordings that have one, by environment and index."""
-    rows = session.execute(
-        select(Candidate.environment, Candidate.candidate_index, func.avg(Recording.score))
-        .join(Recording, Recording.candidate_id == Candidate.id)
-        .where(Candidate.study_id == request.study.id, Recording.score.is_not(None))
-        .group_by(Candidate.environment, Candidate.candidate_index)
-        .order_by(Candidate.environment, Candidate.candidate_index)
-    )
-    return {(environment, index): float(score) for environment, index, score in rows}

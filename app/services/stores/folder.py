@@ -49,14 +49,20 @@ class FolderStore:
         return {name: size for name, size in held.items() if size is not None}
 
     def put(self, name: str, file: Path) -> None:
+        """On the disk when this returns: what was copied may be thrown away then."""
         target = self._folder / name
-        if target.exists():
-            return
         part = target.with_name(f"{target.name}.{os.getpid()}.part")
         try:
             target.parent.mkdir(parents=True, exist_ok=True)
+            # One of another size is what a power cut left of it.
+            if self._size(name) == file.stat().st_size:
+                return
             shutil.copyfile(file, part)
+            _force_to_disk(part)
             part.replace(target)
+            # The name, too. Not every network's folder can be asked for that.
+            with suppress(OSError):
+                _force_to_disk(target.parent)
         except OSError as error:
             with suppress(OSError):
                 part.unlink()
@@ -103,3 +109,11 @@ class FolderStore:
                 return None
             raise StoreAwayError(f"the videos cannot be read: {error.strerror}") from error
         return status.st_size if stat.S_ISREG(status.st_mode) else None
+
+
+def _force_to_disk(path: Path) -> None:
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)

@@ -50,6 +50,7 @@ def test_a_reader_sees_what_was_there_when_it_began(studio: Studio) -> None:
     assert count(studio.database) == 1
 
 
+@pytest.mark.sqlite
 @pytest.mark.parametrize("where", ["in this process", "in another program"])
 def test_who_does_not_wait_is_told_at_once_that_somebody_else_writes(
     studio: Studio, where: str
@@ -76,6 +77,7 @@ def test_who_does_not_wait_is_told_at_once_that_somebody_else_writes(
     other.close()
 
 
+@pytest.mark.sqlite
 def test_a_writer_waits_for_the_one_before_instead_of_failing(studio: Studio) -> None:
     first_is_in = threading.Event()
 
@@ -97,6 +99,7 @@ def test_a_writer_waits_for_the_one_before_instead_of_failing(studio: Studio) ->
     assert count(studio.database) == 2
 
 
+@pytest.mark.sqlite
 @pytest.mark.parametrize(
     ("pragma", "value"), [("synchronous", 2), ("foreign_keys", 1), ("journal_mode", "wal")]
 )

@@ -9,18 +9,18 @@ import pytest
 from alembic.autogenerate import compare_metadata
 from alembic.migration import MigrationContext
 from sqlalchemy import CheckConstraint, inspect, text
-from sqlalchemy.exc import IntegrityError
+from sqlalchemy.exc import DatabaseError
 
 from app.storage.database import Database
 from app.storage.schema import migrate
 from app.storage.tables import Base
+from tests.databases import Databases
 
 
 @pytest.fixture
-def database(tmp_path: Path) -> Iterator[Database]:
-    url = f"sqlite:///{tmp_path / 'pbpo.sqlite3'}"
-    migrate(url)
-    database = Database(url)
+def database(databases: Databases, tmp_path: Path) -> Iterator[Database]:
+    """At the newest schema, to which it came by migration."""
+    database = Database(databases.new(tmp_path))
     yield database
     database.close()
 
@@ -43,7 +43,9 @@ def test_the_checks_are_those_of_the_models(database: Database) -> None:
             str(check["name"]): _plain(check["sqltext"])
             for check in found.get_check_constraints(table.name)
         }
-        assert built == described, table.name
+        assert built.keys() == described.keys(), table.name
+        # PostgreSQL says in words of its own what was asked of it.
+        assert not database.is_sqlite or built == described, table.name
 
 
 def test_every_constraint_has_a_name(database: Database) -> None:
@@ -55,9 +57,9 @@ def test_every_constraint_has_a_name(database: Database) -> None:
         assert all(constraint["name"] for constraint in constraints), table
 
 
-def test_migrating_again_changes_nothing(tmp_path: Path) -> None:
-    url = f"sqlite:///{tmp_path / 'pbpo.sqlite3'}"
-    migrate(url)
+@pytest.mark.sqlite
+def test_migrating_again_changes_nothing(databases: Databases, tmp_path: Path) -> None:
+    url = databases.new(tmp_path)
     before = (tmp_path / "pbpo.sqlite3").read_bytes()
     migrate(url)
     assert (tmp_path / "pbpo.sqlite3").read_bytes() == before
@@ -75,5 +77,7 @@ def test_the_audit_trail_is_only_added_to(database: Database, change: str) -> No
         session.execute(
             text("INSERT INTO audit_events VALUES (1, '2026-01-01', 'ada', 'opened', NULL, '{}')")
         )
-    with pytest.raises(IntegrityError, match="append-only"), database.write() as session:
+    # PostgreSQL's trigger does not say of which kind its refusal is.
+    refused = pytest.raises(DatabaseError, match="append-only")
+    with refused, database.write() as session:
         session.execute(text(change))

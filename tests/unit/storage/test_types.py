@@ -9,6 +9,9 @@ from sqlalchemy.dialects import sqlite
 
 from app.storage.types import UtcDateTime
 
+#: Nothing here asks a database.
+pytestmark = pytest.mark.sqlite
+
 DIALECT = sqlite.dialect()
 COLUMN = UtcDateTime()
 

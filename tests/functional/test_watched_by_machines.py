@@ -5,6 +5,9 @@ from __future__ import annotations
 import io
 import json
 import logging
+import os
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -15,6 +18,7 @@ from pydantic import SecretStr, ValidationError
 from sqlalchemy import text
 
 from app.services import logs
+from app.services.measurements import SHARED_DIR
 from app.services.settings import Settings, settings_faults
 from app.services.studies import StudyInfo
 from app.services.studio import Studio
@@ -23,6 +27,7 @@ from tests.conftest import Clock
 from .client import Api
 from .conftest import Recruit
 
+ROOT = Path(__file__).parents[2]
 TOKEN = "a-token-of-thirty-two-characters!"
 
 
@@ -145,6 +150,25 @@ def test_responses_their_wait_and_the_sessions_are_counted(
     assert metric(client, 'pbpo_steps_asked_total{worked_out="at once"}') == 2
     assert metric(client, "pbpo_fit_seconds_count") == 3
     assert metric(client, 'pbpo_sessions{mode="live",stage="query"}') == 1
+
+
+def test_a_process_goes_on_measuring_when_its_folder_has_gone(tmp_path: Path) -> None:
+    """As workers do that finish what is under way, after the process that made it was killed."""
+    code = """
+import os, shutil
+from app.services.measurements import SHARED_DIR, Measurements
+measurements = Measurements()
+shutil.rmtree(os.environ[SHARED_DIR])
+measurements.step_asked(ahead=True)
+measurements.renders(1, 0)
+measurements.request("GET", "/", 200, 0.1)
+with measurements.answering("left"), measurements.fitting(1):
+    pass
+"""
+    folder = tmp_path / "shared"
+    folder.mkdir()
+    environment = {**os.environ, SHARED_DIR: str(folder)}
+    subprocess.run([sys.executable, "-c", code], env=environment, cwd=ROOT, check=True)
 
 
 def test_measurements_name_patterns_and_nobody(client: Api, short_study: StudyInfo) -> None:

@@ -59,7 +59,7 @@ def test_no_response_of_a_trial_waits_for_a_fit(
         session.respond("left")
     said = readiness.metrics(studio).decode()
     asked = dict(re.findall(r'pbpo_steps_asked_total\{worked_out="(.*?)"\} (.*)', said))
-    assert asked == {"ahead": "5.0"}
+    assert asked == {"ahead": "5.0", "at once": "0.0"}
 
 
 def test_nothing_is_loaded_ahead_of_the_last_query(

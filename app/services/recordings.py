@@ -19,6 +19,7 @@ from typing import Any, Protocol
 from sqlalchemy import select
 
 from app.crane import library
+from app.storage import patience
 from app.storage.database import Database
 from app.storage.tables import Recording
 
@@ -100,11 +101,15 @@ class Recordings:
     def ensure(self, source: Source, *, urgent: bool = True) -> Future[Any]:
         """Done once the recording's file is there; a missing one is rendered in another process.
 
-        It may ask a network: call it on no event loop, and in no transaction. Raises
-        NotFoundError, at once, if a study's own file has gone.
+        It may ask a network: call it in no transaction. Raises NotFoundError, at once, if a study's
+        own file has gone, and NeedsPatienceError.
         """
         store, name = self._kept(source)
-        if store.at_hand(name) or store.sizes([name]):
+        is_there = store.at_hand(name)
+        if not is_there:
+            patience.require()
+            is_there = bool(store.sizes([name]))
+        if is_there:
             ready: Future[Any] = Future()
             ready.set_result(None)
             return ready

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import asyncio
 from concurrent.futures import Future
+from contextlib import suppress
+from dataclasses import dataclass
 from typing import Any
 
 from fastapi import APIRouter, Request
@@ -18,6 +20,7 @@ from app.services.errors import StoreAwayError
 from app.services.recordings import Source
 from app.services.stores.store import KEPT, Errand, Link, form_of
 from app.services.studio import Studio
+from app.storage import patience
 
 from . import video_file
 from .security import StudioDep
@@ -40,16 +43,31 @@ MADE_WITHIN_S = 50.0
 )
 async def recording(public_id: str, request: Request, studio: StudioDep) -> Response:
     """A recording's video; one that is not there yet is rendered first."""
-    etag = _etag(public_id)
-    if request.headers.get("if-none-match") == etag:
-        await run_in_threadpool(studio.recordings.find, public_id)
-        return Response(status_code=304, headers={"ETag": etag, "Cache-Control": KEPT})
-    # One errand to a thread, where the video is there: on a busy server each has to be waited for.
-    source, made, answer = await run_in_threadpool(_begun, studio, public_id, request)
-    if answer is None:
-        await _until_made(made)
-        answer = await run_in_threadpool(_answer, studio, public_id, source, request)
-    return answer
+    begun = _begun_at_once(studio, public_id, request)
+    if begun is None:
+        # One errand to a thread, if the video is there: on a busy server each has to be waited for.
+        begun = await run_in_threadpool(_begun, studio, public_id, request)
+    if isinstance(begun, _Coming):
+        await _until_made(begun.made)
+        begun = await run_in_threadpool(_answer, studio, public_id, begun.source, request)
+    return begun
+
+
+@dataclass(frozen=True)
+class _Coming:
+    """A video that is being made."""
+
+    source: Source
+    made: Future[Any]
+
+
+def _begun_at_once(studio: Studio, public_id: str, request: Request) -> Response | _Coming | None:
+    """As `_begun`, by the event loop itself: of a video that this machine has in its memory."""
+    # A store of the network signs links, and may have to ask by what right.
+    if studio.recordings.origin is None and studio.database.answers_at_once:
+        with suppress(patience.NeedsPatienceError), patience.at_once():
+            return _begun(studio, public_id, request)
+    return None
 
 
 async def _until_made(made: Future[Any]) -> None:
@@ -66,18 +84,19 @@ async def _until_made(made: Future[Any]) -> None:
         ) from None
 
 
-def _begun(
-    studio: Studio, public_id: str, request: Request
-) -> tuple[Source, Future[Any], Response | None]:
-    """A recording, its video that is there or begun, and the answer if it is there."""
+def _begun(studio: Studio, public_id: str, request: Request) -> Response | _Coming:
+    """The answer if the video is there, or the browser has it; else it is begun."""
     source = studio.recordings.find(public_id)
+    if request.headers.get("if-none-match") == _etag(public_id):
+        headers = {"ETag": _etag(public_id), "Cache-Control": KEPT}
+        return Response(status_code=304, headers=headers)
     made = studio.recordings.ensure(source)
     is_there = made.done() and made.exception() is None
-    return source, made, _answer(studio, public_id, source, request) if is_there else None
+    return _answer(studio, public_id, source, request) if is_there else _Coming(source, made)
 
 
 def _answer(studio: Studio, public_id: str, source: Source, request: Request) -> Response:
-    """The video that is there. It may read: call it on no event loop."""
+    """The video that is there."""
     place = studio.recordings.hand_out(source, head=request.method == "HEAD")
     if isinstance(place, Link):
         kept = f"private, max-age={place.seconds}"

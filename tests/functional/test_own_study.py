@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import asyncio
 import io
+import os
 from pathlib import Path
 
+import httpx
 import pandas as pd
 import pytest
+from anyio import to_thread
 
 from app.services import studies
 from app.services.studies import StudyInfo
@@ -173,3 +177,26 @@ def test_creating_a_study_leaves_its_folder_as_it_was_and_needs_it_no_more(
     folder.rename(tmp_path / "elsewhere")
     state = client.start("kettles").to_first_query().state
     assert client.get(state["query"]["right"]["url"]).status_code == 200
+
+
+def test_a_video_that_is_in_memory_waits_for_no_thread_and_any_other_for_one(
+    client: Api, url: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    content = client.get(url).content
+
+    async def with_all_threads_busy(http: httpx.AsyncClient) -> list[httpx.Response]:
+        threads = to_thread.current_default_thread_limiter()
+        for one in range(int(threads.total_tokens)):
+            threads.acquire_on_behalf_of_nowait(one)
+        try:
+            at_once = await asyncio.wait_for(http.get(url), 5)
+            monkeypatch.setattr(os, "preadv", lambda *_: 0)
+            with pytest.raises(TimeoutError):
+                await asyncio.wait_for(http.get(url), 0.5)
+        finally:
+            for one in range(int(threads.total_tokens)):
+                threads.release_on_behalf_of(one)
+        return [at_once, await http.get(url)]
+
+    answers = client.run(with_all_threads_busy)
+    assert [(one.status_code, one.content) for one in answers] == [(200, content)] * 2

@@ -191,7 +191,8 @@ class Decoder:
         process.kill()
         _close(process)
         self._process = None
-        if said is not None:
+        if said is not None and said.at is None and limits is not None:
+            # Its last words, in the last moment: nothing more is wanted of it.
             return said
         self._deaths += 1
         raise DecoderFailedError(_why(process.returncode, limits, patience_s, is_late.is_set()))

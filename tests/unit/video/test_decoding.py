@@ -7,7 +7,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -157,6 +157,35 @@ def test_after_some_deaths_no_further_video_is_tried(
             decoder.probe(tmp_path / "hang.mp4")
     with pytest.raises(NotTriedError, match="not looked at: the decoder failed on 3 videos"):
         decoder.probe(write(tmp_path / "a.mp4"))
+
+
+class EndedAfterItsWord:
+    """A timer whose time is up in the very moment in which an answer has come."""
+
+    daemon = False
+
+    def __init__(self, _seconds: float, end: Callable[[], None]) -> None:
+        self.cancel = end
+
+    def start(self) -> None:
+        pass
+
+    def join(self) -> None:
+        pass
+
+
+def test_a_process_that_is_ended_right_after_its_word_is_asked_no_more(
+    decoder: Decoder, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    source = write(tmp_path / "a.avi", "mpeg4", size=(320, 240))
+    assert decoder.probe(source).duration_s > 0
+    with monkeypatch.context() as patch:
+        patch.setattr(threading, "Timer", EndedAfterItsWord)
+        with pytest.raises(DecoderFailedError, match="took longer"):
+            decoder.transcode(source, tmp_path / "new.mp4")
+        with pytest.raises(DecoderFailedError, match="took longer"):
+            decoder.probe(source)
+    assert decoder.probe(source).duration_s > 0
 
 
 def test_a_transcoding_that_is_ended_leaves_nothing(

@@ -9,7 +9,7 @@ FIRST_FRAME_MS = 120_000
 
 BOTH_PLAY = """() => {
     const button = document.querySelector('[data-testid="answer-left"]');
-    if (!button || button.disabled) {
+    if (!button || button.getAttribute("aria-disabled") === "true") {
         return false;
     }
     const videos = ["video-left", "video-right"].map(

@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from datetime import datetime
 
-from sqlalchemy import delete, func, select
+from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
-from app.storage.accounts import Account, Invitation, SignIn
+from app.storage.accounts import Account, SignIn
 
-from . import accounts, audit
+from . import accounts, audit, ways_in
 from .accounts import Role
 from .errors import ConflictError
 from .studio import Studio
@@ -47,34 +47,38 @@ def all_accounts(studio: Studio) -> list[AccountLine]:
 
 
 def disable(studio: Studio, email: str, actor: str) -> None:
-    """Let nobody in with this account any more. Raises ConflictError for the last admin."""
+    """Let nobody in with this account any more: its sign-ins, API tokens and open links end.
+
+    Raises ConflictError for the last admin.
+    """
     with studio.database.write() as session:
         account = accounts.require(session, email)
         if account.disabled_at is not None:
             return
         _require_another_admin(session, account)
         account.disabled_at = studio.now()
-        session.execute(delete(SignIn).where(SignIn.account_id == account.id))
-        session.execute(
-            delete(Invitation).where(
-                Invitation.email == account.email, Invitation.used_at.is_(None)
-            )
-        )
-        audit.note(session, studio.now(), actor, "account disabled", account=account.email)
+        ended = ways_in.end_all(session, account).noted()
+        audit.note(session, studio.now(), actor, "account disabled", account=account.email, **ended)
 
 
 def enable(studio: Studio, email: str, actor: str) -> None:
-    """Let the owner of a disabled account in again."""
+    """Let the owner of a disabled account sign in again; nothing that ended is revived."""
     with studio.database.write() as session:
         account = accounts.require(session, email)
         if account.disabled_at is None:
             return
         account.disabled_at = None
+        # Earlier versions left API tokens in place when an account was disabled.
+        ways_in.end_all(session, account)
         audit.note(session, studio.now(), actor, "account enabled", account=account.email)
 
 
 def change_role(studio: Studio, email: str, role: Role, actor: str) -> None:
-    """Give an account another role. Raises ConflictError for the last admin."""
+    """Give an account another role; its sign-ins, API tokens and open links end.
+
+    They were given for what the account was, and a token must not become an admin's by itself.
+    Raises ConflictError for the last admin.
+    """
     with studio.database.write() as session:
         account = accounts.require(session, email)
         before = account.role
@@ -82,7 +86,8 @@ def change_role(studio: Studio, email: str, role: Role, actor: str) -> None:
             return
         _require_another_admin(session, account)
         account.role = role.value
-        told = {"account": account.email, "before": before, "after": role.value}
+        ended = ways_in.end_all(session, account).noted()
+        told = {"account": account.email, "before": before, "after": role.value, **ended}
         audit.note(session, studio.now(), actor, "role changed", **told)
 
 

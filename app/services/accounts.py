@@ -16,7 +16,7 @@ from sqlalchemy.orm import Session
 
 from app.storage.accounts import Account, ApiToken, SignIn
 
-from . import audit, hashing, tries
+from . import audit, hashing, tries, ways_in
 from .errors import ConflictError, NotFoundError, SignInRequiredError
 from .studio import Studio
 from .tokens import new_secret, secret_hash
@@ -98,13 +98,13 @@ def add(session: Session, at: datetime, email: str, hashed: str, role: Role) -> 
 def set_password(
     studio: Studio, email: str, password: str, actor: str = audit.COMMAND_LINE
 ) -> None:
-    """Give an account another password; every browser that is signed in is signed out."""
+    """Give an account another password; every sign-in, API token and open link of it ends."""
     hashed = hashed_password(password)
     with studio.database.write() as session:
         account = require(session, email)
         account.password_hash = hashed
-        session.execute(delete(SignIn).where(SignIn.account_id == account.id))
-        audit.note(session, studio.now(), actor, "password reset", account=account.email)
+        ended = ways_in.end_all(session, account).noted()
+        audit.note(session, studio.now(), actor, "password reset", account=account.email, **ended)
 
 
 def find(studio: Studio, email: str) -> Experimenter:
@@ -131,6 +131,10 @@ def sign_in(studio: Studio, email: str, password: str) -> str:
     token = new_secret()
     with studio.database.write() as session:
         now = studio.now()
+        still = held(session, account.id)
+        if still.password_hash != account.password_hash or still.disabled_at is not None:
+            # Changed while this password was looked at: that change ended every sign-in.
+            raise SignInRequiredError("that address and password do not belong together")
         tries.forgive(session, email)
         session.execute(delete(SignIn).where(SignIn.expires_at < now))
         session.add(
@@ -172,10 +176,17 @@ def create_api_token(
     lasts: timedelta = API_TOKEN_LASTS,
     actor: str = audit.COMMAND_LINE,
 ) -> str:
-    """A token for programs, shown this once."""
+    """A token for programs, shown this once.
+
+    Raises SignInRequiredError if the sign-in that asks for it has ended meanwhile.
+    """
     token = new_secret()
     with studio.database.write() as session:
         now = studio.now()
+        held(session, experimenter.account_id)
+        asking = experimenter.sign_in_id
+        if asking is not None and session.get(SignIn, asking) is None:
+            raise SignInRequiredError("expected a sign-in that is in force, and it has ended")
         session.add(
             ApiToken(
                 account_id=experimenter.account_id,
@@ -222,6 +233,11 @@ def _experimenter(
 
 def by_address(session: Session, email: str) -> Account | None:
     return session.scalar(select(Account).where(Account.email == normal(email)))
+
+
+def held(session: Session, account_id: int) -> Account:
+    """The account of this id as it is now, held for this transaction."""
+    return session.scalars(select(Account).where(Account.id == account_id).with_for_update()).one()
 
 
 def require(session: Session, email: str) -> Account:

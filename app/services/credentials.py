@@ -9,7 +9,7 @@ from sqlalchemy import delete, select
 
 from app.storage.accounts import Account, ApiToken, SignIn
 
-from . import accounts, audit, hashing, tries
+from . import accounts, audit, hashing, tries, ways_in
 from .accounts import API_TOKEN_LASTS, Experimenter, Scope
 from .errors import ConflictError, ForbiddenError, NotFoundError
 from .studio import Studio
@@ -41,10 +41,11 @@ class TokenLine:
 
 
 def change_password(studio: Studio, caller: Experimenter, old: str, new: str) -> None:
-    """Give one's own account another password; all other browsers are signed out.
+    """Give one's own account another password.
 
-    Raises ForbiddenError if the old one is wrong, TooManyTriesError, TooManyPasswordsError, or
-    ConflictError if the new one is too short.
+    The sign-in that asks stays; every other one ends, with all API tokens and open links. Raises
+    ForbiddenError if the old one is wrong, or if the password was changed meanwhile,
+    TooManyTriesError, TooManyPasswordsError, or ConflictError if the new one is too short.
     """
     with hashing.one_at_a_time(studio):
         with studio.database.write() as session:
@@ -55,13 +56,13 @@ def change_password(studio: Studio, caller: Experimenter, old: str, new: str) ->
         hashed = accounts.hashed_password(new)
     with studio.database.write() as session:
         tries.forgive(session, caller.email)
-        session.get_one(Account, caller.account_id).password_hash = hashed
-        session.execute(
-            delete(SignIn).where(
-                SignIn.account_id == caller.account_id, SignIn.id != (caller.sign_in_id or 0)
-            )
-        )
-        audit.note(session, studio.now(), caller.email, "password changed")
+        now = accounts.held(session, caller.account_id)
+        if now.password_hash != account.password_hash or now.disabled_at is not None:
+            # A reset came in between: it must not be undone by someone who knew the old password.
+            raise ForbiddenError("The password was changed meanwhile. Sign in again.")
+        now.password_hash = hashed
+        ended = ways_in.end_all(session, now, but_sign_in=caller.sign_in_id)
+        audit.note(session, studio.now(), caller.email, "password changed", **ended.noted())
 
 
 def sign_ins(studio: Studio, caller: Experimenter) -> list[SignInLine]:

@@ -11,9 +11,9 @@ from datetime import datetime, timedelta
 
 from sqlalchemy import CursorResult, delete, select, update
 
-from app.storage.accounts import Invitation, SignIn
+from app.storage.accounts import Invitation
 
-from . import accounts, audit, hashing
+from . import accounts, audit, hashing, ways_in
 from .accounts import Role
 from .errors import ConflictError, InvitationError, NotFoundError
 from .studio import Studio
@@ -83,15 +83,16 @@ def accept(studio: Studio, token: str, password: str) -> str:
             raise InvitationError("This link has just been used. You can sign in.")
         if invited.role is not None:
             accounts.add(session, now, invited.email, hashed, invited.role)
-            told = {"account": invited.email, "role": invited.role.value}
-            audit.note(session, now, invited.email, "account made", **told)
+            made = {"account": invited.email, "role": invited.role.value}
+            audit.note(session, now, invited.email, "account made", **made)
         else:
             account = accounts.require(session, invited.email)
             if account.disabled_at is not None:
                 raise InvitationError("This account is disabled. Ask an admin.")
             account.password_hash = hashed
-            session.execute(delete(SignIn).where(SignIn.account_id == account.id))
-            audit.note(session, now, invited.email, "password reset", account=invited.email)
+            ended = ways_in.end_all(session, account).noted()
+            told = {"account": invited.email, **ended}
+            audit.note(session, now, invited.email, "password reset", **told)
     return invited.email
 
 

@@ -7,12 +7,17 @@ from typing import Any
 from alembic import context
 from sqlalchemy import event, text
 
-from app.storage import accounts, arrivals, records, tables
+from app.storage import accounts, arrivals, records, server_secrets, tables
 from app.storage.alone import Alone
 from app.storage.database import Database
 
 # All modules fill the same metadata.
-for _table in (accounts.Account, arrivals.Reentry, records.AuditEvent):
+for _table in (
+    accounts.Account,
+    arrivals.Reentry,
+    records.AuditEvent,
+    server_secrets.ServerSecret,
+):
     assert _table.metadata is tables.Base.metadata
 
 

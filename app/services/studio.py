@@ -25,6 +25,7 @@ from .ledger import Ledger
 from .measurements import Measurements
 from .proposals import Proposer, Step
 from .recordings import Recordings
+from .server_secret import ServerSecret
 from .settings import Settings
 from .tokens import new_seed
 from .work import Work
@@ -46,6 +47,8 @@ class Studio:
     measurements: Measurements
     #: What a backup must not bring back.
     ledger: Ledger
+    #: What keys of the server's own are derived from.
+    secret: ServerSecret
     now: Callable[[], datetime] = field(default=utc_now)
     seed: Callable[[], int] = field(default=new_seed)
     #: What failed while people took part, until it is written.
@@ -89,6 +92,8 @@ def open_studio(
         if not restoring:
             _require_whole(database)
         bring_to_newest(database)
+        secret = ServerSecret(database)
+        secret.ensure(now())
         if settings.workers_apart:
             background = _with_workers(database, background)
     except BaseException:
@@ -106,6 +111,7 @@ def open_studio(
         proposer=Proposer(database, background, recordings.make_soon, measurements, foreseen),
         measurements=measurements,
         ledger=Ledger(settings.ledger_path),
+        secret=secret,
         now=now,
         seed=seed,
         works={

@@ -64,6 +64,7 @@ def test_a_backup_taken_in_use_becomes_the_same_studio(
 
     # Who was half-way goes on, in the restored studio, at the query they were at.
     opened = open_studio(new, now=studio.now, background=Idle(1))
+    assert opened.secret.key("forms") == studio.secret.key("forms")
     with Api(create_app(studio=opened)) as client:
         session = Session(client, people[1].token, people[1].state)
         assert session.look()["query"]["id"] == people[1].state["query"]["id"]

@@ -22,7 +22,7 @@ PLATFORM_ID = "5f0c1ada-prolific"
 OF_THE_STUDY = {
     *("studies", "plans", "candidates", "recordings", "accounts", "api_tokens"),
     # Of those who run it, and of nobody else.
-    *("audit_events", "fault_counts"),
+    *("audit_events", "fault_counts", "server_secrets"),
 }
 
 

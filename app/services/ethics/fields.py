@@ -7,14 +7,14 @@ import io
 from collections.abc import Iterable
 from dataclasses import astuple, dataclass
 
-from app.storage import accounts, arrivals, records
+from app.storage import accounts, arrivals, records, server_secrets
 from app.storage.tables import Base
 from app.study.plan import Plan
 
 from .purposes import STORED, Whose
 
 #: They fill the same list of tables as `app.storage.tables`.
-_MODULES = (accounts, arrivals, records)
+_MODULES = (accounts, arrivals, records, server_secrets)
 
 _RUN = "those who run the study (its owner, whom it is shared with, admins)"
 _SEEN_BY = {
@@ -22,6 +22,7 @@ _SEEN_BY = {
     Whose.IDENTITIES: f"{_RUN}, only when asked for by name, and each time noted in the trail",
     Whose.COUNT: _RUN,
     Whose.STUDY: "those who run the study, and reviewers",
+    Whose.SERVER: "nobody: neither a page nor an export shows it",
     Whose.STAFF: "admins; of the trail, what concerns the study also those who run it",
 }
 
@@ -66,6 +67,8 @@ def kept(plan: Plan, whose: Whose) -> str:
             return _days(rule.identities_kept_for)
         case Whose.COUNT | Whose.STUDY:
             return "as long as the study"
+        case Whose.SERVER:
+            return "as long as the database"
         case Whose.STAFF:
             return "as long as the account; the trail for good"
 

@@ -15,6 +15,7 @@ class Whose(StrEnum):
     COUNT = "nobody: a count"
     STUDY = "the study itself"
     STAFF = "those who run studies"
+    SERVER = "nobody: the server's own"
 
 
 @dataclass(frozen=True)
@@ -380,6 +381,14 @@ STORED: Mapping[str, Stored] = {
             "name": "What it is called.",
             "created_at": _MADE,
             "changed_at": "When it was last worked on.",
+        },
+    ),
+    "server_secrets": Stored(
+        Whose.SERVER,
+        {
+            "id": "There is one row.",
+            "secret": "Random bytes: the server derives from them the keys that it signs with.",
+            "created_at": _MADE,
         },
     ),
 }

@@ -204,6 +204,9 @@ break_s: 120
 familiarisation: {videos: 2, required: 0}
 """
 
+#: What is added to a plan whose participants come from Prolific, with its identifiers.
+FROM_PROLIFIC = "recruitment: {platform: prolific, codes: {completed: C1}}\n"
+
 
 def write_study(folder: Path, plan: str = SHORT_PLAN) -> Path:
     """A study folder with this plan and short texts."""

@@ -21,7 +21,13 @@ from app.study.protocol import Progress
 
 from . import consents, crowding, entry_links, failures, places, returning, sessions, studies
 from . import state as session_state
-from .errors import ForbiddenError, SignInRequiredError, StudyNotOpenError, StudyPausedError
+from .errors import (
+    ForbiddenError,
+    SignInRequiredError,
+    StudyNotOpenError,
+    StudyPausedError,
+    UndeclaredIdentifierError,
+)
 from .state import State
 from .studio import Studio
 from .tokens import (
@@ -206,8 +212,19 @@ def _left_behind(
 
 
 def _ids(plan: Plan, given: Mapping[str, str]) -> Mapping[str, str]:
-    """What is kept of the ids that came: of a platform its own, else what a program has given."""
-    return given if _platform(plan) is None else rules.kept(plan.recruitment, given)
+    """The identifiers that are kept of those that came.
+
+    Raises UndeclaredIdentifierError for a key that the plan's platform does not add to its links.
+    """
+    declared = plan.recruitment.parameters
+    unknown = [key for key in given if key not in declared]
+    if unknown:
+        known = f"identifiers among {', '.join(declared)}" if declared else "no identifier"
+        raise UndeclaredIdentifierError(
+            f"expected {known} (the plan's platform is {plan.recruitment.platform}),"
+            f" got {unknown[0]!r}"
+        )
+    return rules.kept(plan.recruitment, given)
 
 
 def _platform(plan: Plan) -> str | None:

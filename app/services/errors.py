@@ -68,6 +68,10 @@ class EntryLinkError(ForbiddenError):
         self.is_used = is_used
 
 
+class UndeclaredIdentifierError(ServiceError):
+    """An identifier of a participant came under a key that the study's plan does not declare."""
+
+
 class InvitationError(ServiceError):
     """The link to choose a password with lets nobody do so: used, too old, or unknown."""
 

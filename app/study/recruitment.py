@@ -86,12 +86,13 @@ class Recruitment(Part):
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        """What is kept of a link's parameters. Without a platform: whatever a known one adds."""
+        """The parameters of a link that are kept. Without a platform none is: it would serve for
+        nothing, and the privacy page would not name it.
+        """
         if self.platform == "sona":
             return (self.parameter,)
         if self.platform == NO_PLATFORM:
-            every = (name for platform in PLATFORMS.values() for name in platform.parameters)
-            return tuple(dict.fromkeys(every))
+            return ()
         return PLATFORMS[self.platform].parameters
 
     @property

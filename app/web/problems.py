@@ -56,6 +56,10 @@ KINDS: tuple[tuple[type[Exception], Kind], ...] = (
     (errors.EntryLinkError, Kind(403, "entry-link", "A personal link is needed")),
     (errors.ForbiddenError, Kind(403, "forbidden", "Not allowed")),
     (uploads.UploadRefusedError, Kind(422, "upload-refused", "This file cannot be taken")),
+    (
+        errors.UndeclaredIdentifierError,
+        Kind(422, "undeclared-identifier", "This identifier is not kept"),
+    ),
     (errors.StudyPausedError, Kind(409, "study-paused", "The study is paused")),
     (errors.StudyNotOpenError, Kind(409, "study-not-open", "The study is not open")),
     (errors.SkipReasonError, Kind(422, "skip-reason", "No reason for this")),

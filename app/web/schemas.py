@@ -30,7 +30,10 @@ class StartSession(_In):
     """How a session begins."""
 
     external_ids: dict[Key, ExternalId] = Field(
-        default_factory=dict, max_length=20, description="What a platform calls the participant."
+        default_factory=dict,
+        max_length=20,
+        description="What a platform calls the participant: the parameters of the platform that"
+        " the study's plan names, and no others.",
     )
     entry: Plain | None = Field(
         None, max_length=64, description="Token of a single-use link, where the study wants one."

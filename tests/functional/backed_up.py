@@ -15,7 +15,7 @@ from sqlalchemy.engine import make_url
 from app.services import studies
 from app.services.settings import Settings
 from app.services.studio import Studio
-from tests.conftest import Clock
+from tests.conftest import FROM_PROLIFIC, Clock
 from tests.databases import Databases, PostgresServer
 
 from .client import Api, Session, by_turns
@@ -25,7 +25,7 @@ PLATFORM_ID = "5f0000000000000000000001"
 
 
 def begin_study(studio: Studio, folder: Path) -> None:
-    studies.create(studio, studies.load_folder(str(write_own_study(folder))))
+    studies.create(studio, studies.load_folder(str(write_own_study(folder, FROM_PROLIFIC))))
     studies.open_study(studio, "kettles")
 
 

@@ -44,9 +44,12 @@ speed,height,file,score
 """
 
 
-def write_own_study(folder: Path) -> Path:
-    """The folder, without fault: three candidates, four recordings of 0.4 s."""
-    write_study(folder, OWN_PLAN)
+def write_own_study(folder: Path, more: str = "") -> Path:
+    """The folder, without fault: three candidates, four recordings of 0.4 s.
+
+    more: further lines of its plan.
+    """
+    write_study(folder, OWN_PLAN + more)
     (folder / "texts" / "ja").mkdir()
     for text in (folder / "texts" / "en").iterdir():
         (folder / "texts" / "ja" / text.name).write_text("日本語の文章。\n", encoding="utf-8")

@@ -15,7 +15,7 @@ from hypothesis.stateful import run_state_machine_as_test
 from app.services import accounts
 from app.services.background import Background
 from app.services.studio import Studio, open_studio
-from tests.conftest import Clock, StudyShelf
+from tests.conftest import FROM_PROLIFIC, Clock, StudyShelf
 from tests.fuzz.passage import Passage
 from tests.fuzz.person import PLAN
 from tests.fuzz.plugin import Fuzz
@@ -50,7 +50,7 @@ def world(
     fuzz: Fuzz,
 ) -> Iterator[World]:
     """The study, over this test's database, and how its server starts again."""
-    study_shelf.put_into(studio, PLAN)
+    study_shelf.put_into(studio, PLAN + FROM_PROLIFIC)
     api_token = accounts.create_api_token(studio, accounts.create(studio, EMAIL, PASSWORD), "tests")
     opened = [studio]
 

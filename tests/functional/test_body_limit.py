@@ -8,8 +8,10 @@ import pytest
 
 from app.services.studies import StudyInfo
 from app.web.body_limit import LONGEST_BODY
+from tests.conftest import FROM_PROLIFIC
 
 from .client import Api
+from .conftest import Recruit
 
 PATHS = ["/api/v1/studies/short/sessions", "/s/short/consent", "/sign-in"]
 FORM = "application/x-www-form-urlencoded"
@@ -38,5 +40,6 @@ def test_a_body_that_is_too_long_is_refused_whatever_it_says_of_itself(
     assert sent <= 1.1 * LONGEST_BODY
 
 
-def test_a_body_of_usual_length_is_taken(client: Api, short_study: StudyInfo) -> None:
-    assert client.start(external_ids={"note": "x" * 200}).state["stage"] == "consent"
+def test_a_body_of_usual_length_is_taken(client: Api, recruit: Recruit) -> None:
+    recruit(FROM_PROLIFIC)
+    assert client.start(external_ids={"PROLIFIC_PID": "x" * 200}).state["stage"] == "consent"

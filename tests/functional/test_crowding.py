@@ -150,9 +150,10 @@ def test_a_flood_of_made_up_ids_ends_as_well(client: Api, studio: Studio, recrui
 
 
 def test_sessions_that_never_came_to_consent_are_gone_after_a_day(
-    client: Api, studio: Studio, short_study: StudyInfo, clock: Clock
+    client: Api, studio: Studio, recruit: Recruit, clock: Clock
 ) -> None:
-    left = client.start(external_ids={"who": "5f0c"})
+    recruit(PROLIFIC)
+    left = client.start(external_ids={"PROLIFIC_PID": "5f0c"})
     agreed = client.start()
     agreed.consent()
     clock.forward(DAY - 1)

@@ -13,7 +13,7 @@ import pytest
 from app.services import accounts
 from app.services.studies import StudyInfo
 from app.services.studio import Studio
-from tests.conftest import Clock, StudyShelf
+from tests.conftest import FROM_PROLIFIC, Clock, StudyShelf
 from tests.databases import Databases
 
 from .client import Api, Pressed, by_turns
@@ -88,11 +88,11 @@ def walked(
     if kept.rows:
         databases.put_into(studio.settings.url, kept.rows)
     else:
-        study_shelf.put_into(studio, LEARNING_PLAN)
+        study_shelf.put_into(studio, LEARNING_PLAN + FROM_PROLIFIC)
         kept.api_token = accounts.create_api_token(
             studio, accounts.create(studio, EMAIL, PASSWORD), "tests"
         )
-        session = client.start(external_ids={"PROLIFIC_PID": PLATFORM_ID, "note": "=1+1"})
+        session = client.start(external_ids={"PROLIFIC_PID": PLATFORM_ID, "STUDY_ID": "=1+1"})
         choose = by_turns("skip", "left", "right", "skip", "left")
         kept.pressed = session.to_the_end(choose, clock.forward)
         kept.rows = databases.keep(studio.settings.url)
@@ -261,7 +261,7 @@ def test_a_platforms_id_is_in_the_identities_and_nowhere_else(walked: Walked) ->
     for name in IN_THE_ZIP:
         assert PLATFORM_ID.encode() not in walked.get(f"export/{name}.csv"), name
     identities = walked.table("identities")
-    assert identities["key"].to_list() == ["PROLIFIC_PID", "note"]
+    assert identities["key"].to_list() == ["PROLIFIC_PID", "STUDY_ID"]
     assert identities["value"].to_list() == [PLATFORM_ID, "'=1+1"]
     assert set(identities["participant_id"]) == set(walked.table("participants")["participant_id"])
 

@@ -11,9 +11,10 @@ from app.services import proposals, studies
 from app.services.studies import StudyInfo
 from app.services.studio import Studio
 from app.storage.tables import Base
-from tests.conftest import Clock, database_file
+from tests.conftest import FROM_PROLIFIC, Clock, database_file
 
 from .client import Api, Session
+from .conftest import Recruit
 from .test_participant_pages import COOKIE, heading, in_browser, sent_on
 
 PLATFORM_ID = "5f0c1ada-prolific"
@@ -27,8 +28,9 @@ OF_THE_STUDY = {
 
 
 @pytest.fixture
-def person(client: Api, short_study: StudyInfo, clock: Clock) -> Session:
+def person(client: Api, recruit: Recruit, clock: Clock) -> Session:
     """Somebody from a platform who has answered a trial and a half, with events."""
+    recruit(FROM_PROLIFIC)
     session = client.start(external_ids={"PROLIFIC_PID": PLATFORM_ID}).to_first_query()
     events = [{"event": "stalled", "side": "left", "time_ms": 5, "value": "told-by-the-browser"}]
     while session.state["progress"]["trial"] < 2 or session.state["progress"]["query"] < 3:
@@ -142,8 +144,9 @@ def test_work_under_way_does_not_bring_a_deleted_trial_back(
 
 @pytest.mark.parametrize("stage", ["consent", "familiarisation", "break", "completed", "withdrawn"])
 def test_whoever_wants_deletion_has_it_at_any_stage(
-    client: Api, studio: Studio, short_study: StudyInfo, clock: Clock, stage: str
+    client: Api, studio: Studio, recruit: Recruit, clock: Clock, stage: str
 ) -> None:
+    recruit(FROM_PROLIFIC)
     session = client.start(external_ids={"PROLIFIC_PID": "x"}).to_stage(stage, clock.forward)
     answer = session.call("withdraw", {"delete": True})
     assert answer.status_code == 200, answer.text

@@ -12,7 +12,7 @@ from app.services.accounts import Role
 from app.services.errors import ConflictError
 from app.services.studio import Studio
 from app.storage.tables import Identity, Participant, QueryRow, Recording, SessionRow
-from tests.conftest import SHORT_PLAN, Clock, write_study
+from tests.conftest import FROM_PROLIFIC, SHORT_PLAN, Clock, write_study
 
 from .client import Api
 from .desk import Desk
@@ -21,7 +21,7 @@ from .own_study import write_own_study
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return write_own_study(tmp_path_factory.mktemp("kept") / "kettles")
+    return write_own_study(tmp_path_factory.mktemp("kept") / "kettles", FROM_PROLIFIC)
 
 
 @pytest.fixture
@@ -200,7 +200,7 @@ def test_revised_texts_are_a_new_version_that_the_plan_shows(
 def test_a_page_and_a_folder_give_revised_texts_the_same_hash(
     desk: Desk, studio: Studio, kettles: str, tmp_path: Path
 ) -> None:
-    revised = write_own_study(tmp_path / "revised")
+    revised = write_own_study(tmp_path / "revised", FROM_PROLIFIC)
     (revised / "texts" / "en" / "consent.md").write_text("Another consent.\n")
     whole = studies.load_folder(str(revised))
     given = {

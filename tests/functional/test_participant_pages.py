@@ -8,12 +8,13 @@ from typing import Any
 import httpx
 import pytest
 
-from app.services import studies
+from app.services import accounts, studies
 from app.services.studies import StudyInfo
 from app.services.studio import Studio
-from tests.conftest import Clock
+from tests.conftest import FROM_PROLIFIC, Clock
 
 from .client import Api, Session
+from .conftest import EMAIL, PASSWORD, Recruit
 
 COOKIE = "pbpo_session_short"
 
@@ -45,6 +46,10 @@ def in_browser(client: Api, stage: str, clock: Clock) -> Session:
     session = client.start().to_stage(stage, clock.forward)
     client.cookies.set(COOKIE, session.token)
     return session
+
+
+def token_for(studio: Studio) -> str:
+    return accounts.create_api_token(studio, accounts.create(studio, EMAIL, PASSWORD), "tests")
 
 
 def kept(client: Api, api_token: str) -> int:
@@ -116,23 +121,25 @@ def test_declining_leaves_no_trace(client: Api, short_study: StudyInfo, api_toke
 
 
 def test_declining_a_session_that_began_leaves_no_platform_id(
-    client: Api, short_study: StudyInfo, api_token: str
+    client: Api, recruit: Recruit, studio: Studio
 ) -> None:
+    recruit(FROM_PROLIFIC)
     session = client.start(external_ids={"PROLIFIC_PID": "abc"})
     client.cookies.set(COOKIE, session.token)
     sent_on(client.post("/s/short/decline"))
     assert heading(client.get("/s/short")) == HEADINGS["declined"]
-    assert client.table("identities", api_token).empty
+    assert client.table("identities", token_for(studio)).empty
 
 
 def test_a_platforms_ids_travel_from_the_link_to_the_identities(
-    client: Api, short_study: StudyInfo, api_token: str
+    client: Api, recruit: Recruit, studio: Studio
 ) -> None:
+    recruit(FROM_PROLIFIC)
     link = "?PROLIFIC_PID=5f0c&STUDY_ID=77&SESSION_ID=s%26x&empty="
     page = client.get(f"/s/short{link}")
     assert 'action="/s/short/consent?PROLIFIC_PID=5f0c&amp;STUDY_ID=77' in page.text
     agree(client, link)
-    identities = client.table("identities", api_token)
+    identities = client.table("identities", token_for(studio))
     rows = identities[["key", "value"]].to_numpy().tolist()
     assert {key: str(value) for key, value in rows} == {
         "PROLIFIC_PID": "5f0c",
@@ -142,11 +149,12 @@ def test_a_platforms_ids_travel_from_the_link_to_the_identities(
 
 
 def test_a_link_with_too_much_in_it_still_lets_one_in(
-    client: Api, short_study: StudyInfo, api_token: str
+    client: Api, recruit: Recruit, studio: Studio
 ) -> None:
+    recruit(FROM_PROLIFIC)
     link = "?" + "&".join(f"key{'k' * 80}{n}={'v' * 300}" for n in range(30))
     sent_on(agree(client, f"{link}&PROLIFIC_PID={'v' * 300}"))
-    identities = client.table("identities", api_token)
+    identities = client.table("identities", token_for(studio))
     assert identities[["key", "value"]].to_numpy().tolist() == [["PROLIFIC_PID", "v" * 200]]
 
 

@@ -10,15 +10,16 @@ import pytest
 from sqlalchemy import text
 from sqlalchemy.exc import OperationalError
 
-from app.services import accounts, participation, recruitment
+from app.services import participation, recruitment
 from app.services.studies import StudyInfo
 from app.services.studio import Studio
 from app.study.protocol import FINAL_STAGES
 from tests.conftest import Clock
 
 from .client import Api
-from .conftest import EMAIL, PASSWORD, Recruit
-from .test_participant_pages import COOKIE, agree, heading, in_browser
+from .conftest import Recruit
+from .test_leaving import rows_of_people
+from .test_participant_pages import COOKIE, agree, heading, in_browser, token_for
 
 PROLIFIC = """
 recruitment:
@@ -36,10 +37,6 @@ MTURK = "\nrecruitment: {platform: mturk, codes: {completed: COMPLETE1}}\n"
 LINK = "?PROLIFIC_PID=5f0c&STUDY_ID=77&SESSION_ID=sx&utm_source=mail"
 BACK_TO_PROLIFIC = "https://app.prolific.com/submissions/complete?cc="
 TURK = "workerId=W1&hitId=H1&turkSubmitTo=https%3A%2F%2Fworkersandbox.mturk.com"
-
-
-def token_for(studio: Studio) -> str:
-    return accounts.create_api_token(studio, accounts.create(studio, EMAIL, PASSWORD), "tests")
 
 
 def identities(client: Api, api_token: str) -> dict[str, str]:
@@ -85,8 +82,32 @@ def test_a_program_too_may_leave_only_the_platforms_ids(
 ) -> None:
     recruit(PROLIFIC)
     api_token = token_for(studio)
-    client.start(external_ids={"PROLIFIC_PID": "5f0c", "email": "me@example.org"})
+    refused = client.post(
+        "/api/v1/studies/short/sessions",
+        json={"external_ids": {"PROLIFIC_PID": "5f0c", "email": "me@example.org"}},
+    )
+    assert refused.status_code == 422
+    assert refused.json()["type"].endswith(":undeclared-identifier")
+    assert "'email'" in refused.json()["detail"]
+    assert rows_of_people(studio) == {}
+    client.start(external_ids={"PROLIFIC_PID": "5f0c"})
     assert identities(client, api_token) == {"PROLIFIC_PID": "5f0c"}
+
+
+@pytest.mark.parametrize("key", ["email", "PROLIFIC_PID", "workerId", "survey_code"])
+def test_without_a_platform_no_identifier_is_kept_whatever_comes(
+    client: Api, short_study: StudyInfo, studio: Studio, key: str
+) -> None:
+    api_token = token_for(studio)
+    assert agree(client, f"?{key}=5f0c").status_code == 303
+    for headers in ({}, {"Authorization": f"Bearer {api_token}"}):
+        refused = client.post(
+            "/api/v1/studies/short/sessions",
+            json={"external_ids": {key: "5f0c"}},
+            headers=headers,
+        )
+        assert refused.status_code == 422, refused.text
+    assert client.table("identities", api_token).empty
 
 
 def test_whoever_completes_is_shown_the_code_and_the_way_back(

@@ -15,8 +15,8 @@ from tests.conftest import Clock
 from .client import Api, Session
 from .conftest import Recruit
 from .test_leaving import rows_of_people, shown_receipt
-from .test_participant_pages import COOKIE, HEADINGS, agree, heading, sent_on
-from .test_recruitment import PROLIFIC, identities, return_link, token_for
+from .test_participant_pages import COOKIE, HEADINGS, agree, heading, sent_on, token_for
+from .test_recruitment import PROLIFIC, identities, return_link
 
 LINK = "?PROLIFIC_PID=5f0c&SESSION_ID=first"
 AGAIN = "?PROLIFIC_PID=5f0c&SESSION_ID=second"
@@ -242,4 +242,5 @@ def test_a_preview_is_nobodys_first_time(client: Api, recruit: Recruit) -> None:
 def test_without_a_platform_nobody_is_recognised(client: Api, recruit: Recruit) -> None:
     recruit("\nrecruitment: {returning: block}\n")
     for _ in range(2):
-        assert begin(client, external_ids={"PROLIFIC_PID": "5f0c"}).status_code == 201
+        sent_on(agree(client, "?PROLIFIC_PID=5f0c"))
+        in_another_browser(client)

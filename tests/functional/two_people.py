@@ -8,7 +8,7 @@ from typing import Any
 from app.services import accounts, studies
 from app.services.studies import StudyInfo
 from app.services.studio import Studio
-from tests.conftest import Clock, StudyShelf
+from tests.conftest import FROM_PROLIFIC, Clock, StudyShelf
 from tests.databases import Databases
 
 from .client import Api, by_turns
@@ -32,7 +32,7 @@ class TwoPeople:
         if self.kept:
             databases.put_into(studio.settings.url, self.kept)
         else:
-            shelf.put_into(studio, LEARNING_PLAN)
+            shelf.put_into(studio, LEARNING_PLAN + FROM_PROLIFIC)
             account = accounts.create(studio, EMAIL, PASSWORD)
             self.api_token = accounts.create_api_token(studio, account, "tests")
             first = client.start(external_ids={"PROLIFIC_PID": "first"}).to_first_query()

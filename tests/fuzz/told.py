@@ -38,7 +38,7 @@ class Seats:
 
     def arrive(self) -> Person:
         name = f"person-{self.number()}-of-this-study"
-        session = self.client.start(external_ids={"known_as": name})
+        session = self.client.start(external_ids={"PROLIFIC_PID": name})
         person = Person(name, session, self.clock.now())
         self.people.append(person)
         return person

@@ -149,7 +149,7 @@ LINK = {
         (CONNECT, {"participantId", "assignmentId", "projectId"}),
         (SONA, {"survey_code"}),
         (MTURK, {"workerId", "assignmentId", "hitId", "turkSubmitTo"}),
-        (Recruitment(), LINK.keys() - {"survey_code", "utm_source", "email"}),
+        (Recruitment(), set()),
     ],
 )
 def test_only_a_platforms_own_parameters_are_kept(plan: Recruitment, names: set[str]) -> None:

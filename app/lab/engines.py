@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import importlib
 import os
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, ExitStack, contextmanager
-from typing import Any, Literal, get_args
+from typing import Any, Literal, TypeVar, get_args
 
 import joblib
 
@@ -18,6 +18,8 @@ from .experiments import Task
 from .steps import Step
 from .trials import run_trial
 from .worlds import World
+
+Result = TypeVar("Result")
 
 Engine = Literal["local", "dask", "ray"]
 ENGINES: tuple[Engine, ...] = get_args(Engine)
@@ -34,13 +36,25 @@ def run_all(
     tasks: Iterable[Task], worlds: Mapping[str, World], *, engine: Engine = "local", jobs: int = 1
 ) -> Iterator[tuple[Task, list[Step]]]:
     """Run trials, `jobs` at a time; each comes back when it is done, in any order."""
+    calls = ((task, worlds[task.environment]) for task in tasks)
+    yield from run_each(_run, calls, engine=engine, jobs=jobs)
+
+
+def run_each(
+    function: Callable[..., Result],
+    calls: Iterable[tuple[Any, ...]],
+    *,
+    engine: Engine = "local",
+    jobs: int = 1,
+) -> Iterator[Result]:
+    """function(*arguments) for each of the calls, `jobs` at a time, in any order."""
     if jobs < 1:
         raise EngineError(f"jobs: expected a number from 1 on, got {jobs!r}")
     with _workers(engine, jobs):
         # One trial takes a second or so: handing them out singly costs little, and a run that is
         # killed loses no more than the trials under way.
         parallel = joblib.Parallel(n_jobs=jobs, batch_size=1, return_as="generator_unordered")
-        yield from parallel(joblib.delayed(_run)(task, worlds[task.environment]) for task in tasks)
+        yield from parallel(joblib.delayed(function)(*arguments) for arguments in calls)
 
 
 def _run(task: Task, world: World) -> tuple[Task, list[Step]]:

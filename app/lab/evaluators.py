@@ -52,3 +52,35 @@ class Uncertain:
 
 def _both_bad(left: float, right: float, threshold: float | None) -> bool:
     return threshold is not None and left < threshold and right < threshold
+
+
+@dataclass(frozen=True)
+class Lapsing:
+    """Answers at random, left or right, with a small probability; otherwise as another evaluator.
+
+    A lapse says nothing about the runs, and is never a skip.
+    """
+
+    rng: np.random.Generator
+    usual: Evaluator
+    probability: float
+
+    def respond(self, left: float, right: float, *, may_skip: bool) -> Response:
+        if self.rng.random() < self.probability:
+            return "left" if self.rng.random() < 0.5 else "right"
+        return self.usual.respond(left, right, may_skip=may_skip)
+
+
+@dataclass
+class LeftAtFirst:
+    """Chooses the left run for the first `queries` queries, whatever is shown."""
+
+    usual: Evaluator
+    queries: int
+    answered: int = 0
+
+    def respond(self, left: float, right: float, *, may_skip: bool) -> Response:
+        self.answered += 1
+        if self.answered <= self.queries:
+            return "left"
+        return self.usual.respond(left, right, may_skip=may_skip)

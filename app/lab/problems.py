@@ -1,9 +1,12 @@
-"""Problems to compare preference optimisers on: the crane's two worlds and three that are not it.
+"""Problems to compare preference optimisers on: cranes and three functions that are no crane.
+
+Cranes: the two shipped environments and twenty drawn ones. An evaluator of them sees a fresh run of
+a candidate each time, and f is the mean of 400 such runs. `env1-recorded` and `env2-recorded` show
+the five recorded runs instead, as studies do, and are judged by the same f.
 
 Branin, Ackley in 4 and Hartmann in 6 dimensions are the usual functions, each over 500 quasi-random
-candidates (Sobol), with the sign turned so that larger is better. An evaluator of any of them skips
-when both values lie below the mean over the candidates, and is as consistent as with Env1: eta
-times the standard deviation of g is the same.
+candidates (Sobol), with the sign turned so that larger is better. An evaluator of them is as
+consistent as with Env1: eta times the standard deviation of g is the same.
 """
 
 from __future__ import annotations
@@ -18,8 +21,10 @@ from numpy.typing import NDArray
 from scipy.stats import qmc
 
 from app.crane import library
-from app.crane.environments import candidates
-from app.lab.evaluators import ETA, Uncertain
+from app.crane.environments import Environment, candidates, environment_named
+from app.lab.drawn_cranes import CHOOSING, DECIDING, drawn_crane
+from app.lab.evaluators import ETA
+from app.lab.fresh_runs import fresh_scores
 
 FloatArray = NDArray[np.float64]
 
@@ -45,31 +50,39 @@ HARTMANN_CENTRES: Final = 1e-4 * np.array(
         [4047.0, 8828.0, 8732.0, 5743.0, 1091.0, 381.0],
     ]
 )
+#: A regret above this is a failure, in grams; for functions, the same share of the deviation of g.
+FAILURE_G: Final = 30.0
 #: Half the side of Ackley's usual cube.
 ACKLEY_REACH: Final = 32.768
 
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """candidates: (n, d). scores: (n, runs), g of each run. eta: the evaluator's steepness."""
+    """candidates: (n, d). scores: (n, runs), g of each run that evaluators may be shown.
+    f: (n,), the true value of each candidate. eta: steepness of the paper's uncertain evaluator.
+    failure: a regret above this is a failure.
+    """
 
     name: str
     candidates: FloatArray
     scores: FloatArray
+    f: FloatArray
     eta: float
+    failure: float
 
     @property
-    def f(self) -> FloatArray:
-        """The mean of g over the runs of each candidate, (n,)."""
-        return np.asarray(self.scores.mean(axis=1))
+    def mean(self) -> float:
+        """Mean of g over the search space."""
+        return float(self.scores.mean())
+
+    @property
+    def deviation(self) -> float:
+        """Standard deviation of g over the search space."""
+        return float(self.scores.std())
 
     def regret(self, candidate: int) -> float:
         """f(w*) - f of this candidate."""
         return float(self.f.max() - self.f[candidate])
-
-    def evaluator(self, rng: np.random.Generator) -> Uncertain:
-        """Who answers: Bradley and Terry, skipping below the mean of g."""
-        return Uncertain(rng, skip_below=float(self.scores.mean()), eta=self.eta)
 
 
 def branin(unit: FloatArray) -> FloatArray:
@@ -93,9 +106,17 @@ def hartmann(unit: FloatArray) -> FloatArray:
 
 
 @cache
-def crane(environment: str) -> Problem:
-    """One of the crane's worlds, with its five runs of each candidate."""
-    return Problem(environment, candidates(), library.scores(environment), ETA)
+def fresh_crane(name: str, environment: Environment) -> Problem:
+    """A crane of which every run shown is a fresh one."""
+    scores = fresh_scores(environment)
+    return Problem(name, candidates(), scores, scores.mean(axis=1), ETA, FAILURE_G)
+
+
+@cache
+def recorded_crane(name: str) -> Problem:
+    """A shipped environment whose five recorded runs are shown; f is that of the fresh runs."""
+    f = fresh_scores(environment_named(name)).mean(axis=1)
+    return Problem(f"{name}-recorded", candidates(), library.scores(name), f, ETA, FAILURE_G)
 
 
 @cache
@@ -104,14 +125,25 @@ def quasi_random(
 ) -> Problem:
     """A function over quasi-random candidates, as hard to judge as Env1."""
     unit = qmc.Sobol(dimensions, seed=SOBOL_SEED).random(SOBOL_POINTS)[:CANDIDATES]
-    scores = function(unit)[:, None]
-    eta = ETA * float(library.scores("env1").std() / scores.std())
-    return Problem(name, unit, scores, eta)
+    f = function(unit)
+    env1 = float(library.scores("env1").std())
+    scale = env1 / float(f.std())
+    return Problem(name, unit, f[:, None], f, ETA * scale, FAILURE_G / scale)
 
+
+CHOOSING_CRANES: Final = tuple(f"crane-{k:02d}" for k in range(CHOOSING))
+DECIDING_CRANES: Final = tuple(f"crane-{k:02d}" for k in range(CHOOSING, CHOOSING + DECIDING))
+FUNCTIONS: Final = ("branin", "ackley4", "hartmann6")
 
 PROBLEMS: Final[dict[str, Callable[[], Problem]]] = {
-    "env1": lambda: crane("env1"),
-    "env2": lambda: crane("env2"),
+    "env1": lambda: fresh_crane("env1", environment_named("env1")),
+    "env2": lambda: fresh_crane("env2", environment_named("env2")),
+    "env1-recorded": lambda: recorded_crane("env1"),
+    "env2-recorded": lambda: recorded_crane("env2"),
+    **{
+        name: lambda name=name: fresh_crane(name, drawn_crane(int(name[-2:])))  # type: ignore[misc]
+        for name in (*CHOOSING_CRANES, *DECIDING_CRANES)
+    },
     "branin": lambda: quasi_random("branin", branin, 2),
     "ackley4": lambda: quasi_random("ackley4", ackley, 4),
     "hartmann6": lambda: quasi_random("hartmann6", hartmann, 6),

@@ -12,6 +12,7 @@ against what is expected of any, and no two have to be weighed against each othe
 """
 
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import Final
 
 import numpy as np
@@ -19,7 +20,7 @@ import numpy as np
 from app.pbbo.candidates import FloatArray
 from app.pbbo.model import Tally
 from app.pbbo.preferences import Preference
-from app.pbbo.prior import Prior
+from app.pbbo.prior import KEPT_PRIORS, Prior
 from app.pbbo.synthesis import Skip
 
 # Prior variance of the threshold as a share of the signal variance: it may lie anywhere among the
@@ -51,6 +52,8 @@ def sharpness(counted: Tally, n: int, noise: float) -> FloatArray:
     return np.where(threshold[counted.winner] | threshold[counted.loser], 1.0 / noise, 1.0)
 
 
+# Priors are kept by `prior_over` and are the same object from step to step; so are these.
+@lru_cache(maxsize=KEPT_PRIORS)
 def prior_with_threshold(prior: Prior, signal_variance: float) -> Prior:
     """The prior over all candidates and, behind them, the threshold; (n + 1)."""
     variance = VARIANCE_SHARE * signal_variance

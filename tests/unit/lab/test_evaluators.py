@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from app.lab.evaluators import ETA, Certain, Uncertain
+from app.lab.answering import EVALUATORS
+from app.lab.evaluators import ETA, Certain, Lapsing, LeftAtFirst, Uncertain
+from app.lab.problems import PROBLEMS
 
 
 @pytest.mark.parametrize(
@@ -42,3 +44,36 @@ def test_the_same_generator_gives_the_same_answers() -> None:
         [evaluator.respond(-10, -12, may_skip=True) for _ in range(50)] for evaluator in (one, two)
     ]
     assert answers[0] == answers[1]
+
+
+def test_a_lapse_is_a_coin_toss_and_never_a_skip() -> None:
+    rng = np.random.default_rng(0)
+    evaluator = Lapsing(rng, Certain(skip_below=0.0), 0.2)
+
+    better_left = [evaluator.respond(2.0, 1.0, may_skip=True) for _ in range(4000)]
+    both_bad = [evaluator.respond(-1.0, -2.0, may_skip=True) for _ in range(4000)]
+
+    assert better_left.count("right") / 4000 == pytest.approx(0.1, abs=0.02)
+    assert both_bad.count("skip") / 4000 == pytest.approx(0.8, abs=0.02)
+
+
+def test_an_evaluator_who_does_not_look_at_first_answers_left_until_then() -> None:
+    evaluator = LeftAtFirst(Certain(skip_below=0.0), 5)
+
+    answers = [evaluator.respond(1.0, 2.0, may_skip=True) for _ in range(7)]
+
+    assert answers == ["left"] * 5 + ["right"] * 2
+
+
+def test_every_named_evaluator_skips_at_its_own_level() -> None:
+    problem = PROBLEMS["branin"]()
+    rng = np.random.default_rng(3)
+
+    made = {name: make(problem, rng) for name, make in EVALUATORS.items()}
+
+    just_below = problem.mean - 1e-6
+    for name, skips in {"uncertain": True, "skip-low": False, "no-skip": False}.items():
+        answered = made[name].respond(just_below, just_below, may_skip=True)
+        assert (answered == "skip") is skips
+    above = problem.mean + 0.5 * problem.deviation
+    assert made["skip-high"].respond(above, above, may_skip=True) == "skip"

@@ -1,12 +1,17 @@
-"""The problems and the table that decide the default of the threshold method."""
+"""The problems, trials and tables that decide the default of the threshold method."""
 
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from app.crane import library
+from app.lab.comparison import TrialFile, main, run
+from app.lab.evaluators import ETA
 from app.lab.problems import ACKLEY_REACH, PROBLEMS, ackley, branin, hartmann
-from app.lab.variants import VARIANTS, Outcome, main, outcomes, table
+from app.lab.variant_tables import table, with_error
+from app.lab.variant_trials import LOOKS, Call, Outcome, calls, run_call
+from app.lab.variants import VARIANTS
 
 
 @pytest.mark.parametrize("place", [(-np.pi, 12.275), (np.pi, 2.275), (9.42478, 2.475)])
@@ -32,46 +37,81 @@ def test_hartmann_has_its_known_maximum() -> None:
 
 @pytest.mark.parametrize("name", ["branin", "ackley4", "hartmann6"])
 def test_every_problem_is_as_hard_to_judge_as_env1(name: str) -> None:
-    problem, env1 = PROBLEMS[name](), PROBLEMS["env1"]()
+    problem, env1 = PROBLEMS[name](), library.scores("env1")
 
     assert problem.candidates.shape[0] == 500
-    assert problem.eta * problem.scores.std() == pytest.approx(env1.eta * env1.scores.std())
+    assert problem.eta * problem.deviation == pytest.approx(ETA * env1.std())
+    assert problem.failure / problem.deviation == pytest.approx(30.0 / env1.std())
     assert problem.regret(int(problem.f.argmax())) == 0.0
 
 
-def test_the_same_seeds_give_the_same_regrets() -> None:
-    def run() -> list[Outcome]:
-        return list(outcomes(["pbpo-threshold"], ["branin"], range(2), queries=7))
+def test_a_trial_is_the_same_each_time_and_differs_between_seeds() -> None:
+    one, two = (Call("pbpo-threshold", "branin", "uncertain", seed) for seed in (0, 1))
 
-    found = run()
+    found = run_call(one, queries=15)
 
-    assert found == run()
-    assert all(outcome.regret >= 0.0 for outcome in found)
-    assert found[0].regret != found[1].regret
+    assert found == run_call(one, queries=15)
+    assert len(found.regrets) == 2
+    assert all(regret >= 0.0 for regret in found.regrets)
+    assert found.regrets != run_call(two, queries=15).regrets
 
 
-def test_the_table_has_a_row_for_each_variant_and_a_column_for_each_problem() -> None:
+def test_a_stopped_run_goes_on_where_it_was(tmp_path: Path) -> None:
+    wanted = calls(["pbpo-threshold"], ["branin"], ["uncertain"], range(3))
+    told: list[str] = []
+    begun = run(wanted, TrialFile(tmp_path), queries=10, report=told.append)
+    first = next(begun)
+    begun.close()
+    # A crash in the middle of a line leaves half of it.
+    with (tmp_path / "trials.csv").open("a") as file:
+        file.write("half,a,li")
+
+    found = list(run(wanted, TrialFile(tmp_path), queries=10, report=told.append))
+
+    assert first in found
+    assert {outcome.call for outcome in found} == set(wanted)
+    assert told == ["3 trials to run", "2 trials to run"]
+    assert set(TrialFile(tmp_path).outcomes()) == set(wanted)
+
+
+def test_trials_of_other_settings_are_not_taken_for_these(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    call = Call("pbpo-threshold", "branin", "uncertain", 0)
+    TrialFile(tmp_path).keep(Outcome(call, (1.0, 2.0, 3.0, 4.0)))
+    assert TrialFile(tmp_path).outcomes() == {call: Outcome(call, (1.0, 2.0, 3.0, 4.0))}
+
+    monkeypatch.setattr("app.lab.comparison.ENGINE_VERSION", "another")
+
+    assert TrialFile(tmp_path).outcomes() == {}
+
+
+def test_a_cell_says_mean_median_failures_and_the_difference_on_the_same_seeds() -> None:
+    limit = PROBLEMS["branin"]().failure
     found = [
-        Outcome("a", "env1", 0, 1.0),
-        Outcome("a", "env1", 1, 3.0),
-        Outcome("b", "env2", 0, 4.0),
+        Outcome(Call("a", "branin", "uncertain", 0), (1.0,)),
+        Outcome(Call("a", "branin", "uncertain", 1), (3.0,)),
+        Outcome(Call("b", "branin", "uncertain", 0), (2.0,)),
+        Outcome(Call("b", "branin", "uncertain", 1), (limit + 1.0,)),
+    ]
+    gained = with_error(np.array([1.0, limit - 2.0]), sign="+")
+    reached = with_error(np.array([2.0, limit + 1.0]))
+
+    assert table(found, 0, "a", {}).splitlines() == [
+        "| | branin |",
+        "|---|---|",
+        "| a | 2.00 ± 1.00, median 2.00, 0.0 % (2) |",
+        f"| b | {reached}, median {(limit + 3.0) / 2.0:.2f}, 50.0 % [{gained}] (2) |",
     ]
 
-    assert table(found).splitlines() == [
-        "| | env1 | env2 |",
-        "|---|---|---|",
-        "| a | 2.00 +- 1.00 |  |",
-        "| b |  | 4.00 |",
-    ]
 
-
-def test_the_command_prints_the_table_and_keeps_every_trial(
+def test_the_command_prints_a_table_for_each_look(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    file = tmp_path / "trials.csv"
+    few = ["--trials", "1", "--queries", "10", "--first-seed", "0", "--problems", "branin"]
 
-    few = ["--trials", "2", "--queries", "2", "--problems", "branin", "--csv", str(file)]
-    main([*few, "--variants", *list(VARIANTS)[:2]])
+    main([*few, "--out", str(tmp_path), "--variants", *list(VARIANTS)[:2]])
 
-    assert capsys.readouterr().out.count("| pbpo") == 2
-    assert len(file.read_text().splitlines()) == 1 + 4
+    printed = capsys.readouterr().out
+    assert f"uncertain, after {LOOKS[0]} queries" in printed
+    assert printed.count("| pbpo") == 2

@@ -16,10 +16,21 @@ from app.storage.tables import Participant, SessionRow, Study
 from app.study import assignment
 from app.study import recruitment as rules
 from app.study.folder import WELCOME
+from app.study.identifiers import Given
 from app.study.plan import Plan
 from app.study.protocol import Progress
 
-from . import consents, crowding, entry_links, failures, places, returning, sessions, studies
+from . import (
+    consents,
+    crowding,
+    entry_links,
+    failures,
+    places,
+    recruitment,
+    returning,
+    sessions,
+    studies,
+)
 from . import state as session_state
 from .errors import (
     ForbiddenError,
@@ -28,6 +39,7 @@ from .errors import (
     StudyPausedError,
     UndeclaredIdentifierError,
 )
+from .fault_counts import Kind, Where
 from .state import State
 from .studio import Studio
 from .tokens import (
@@ -140,7 +152,8 @@ def start(
         if begun_already is not None:
             return token, session_state.describe(studio, session, begun_already)
         study = studies.read(session, slug)
-        ids = _ids(study.plan, external_ids or {})
+        given = _given(study.plan, external_ids or {})
+        ids = given.ids
         earlier = returning.earlier_session(session, study, mode, ids)
         left_behind = _left_behind(studio, session, study, after) if after is not None else None
         if earlier is None:
@@ -189,6 +202,8 @@ def start(
         session.add(row)
         session.flush()
         state = session_state.describe(studio, session, row)
+    if given.unfilled and mode == LIVE:
+        studio.faults.note(studio, Kind.UNFILLED, Where(slug=slug))
     return token, state
 
 
@@ -211,20 +226,22 @@ def _left_behind(
     return row if is_left and row.study_id == study.id else None
 
 
-def _ids(plan: Plan, given: Mapping[str, str]) -> Mapping[str, str]:
-    """The identifiers that are kept of those that came.
+def _given(plan: Plan, came: Mapping[str, str]) -> Given:
+    """What is kept of the identifiers that came.
 
-    Raises UndeclaredIdentifierError for a key that the plan's platform does not add to its links.
+    Raises UndeclaredIdentifierError for a key that the plan's platform does not add to its links,
+    and IdsRefusedError.
     """
     declared = plan.recruitment.parameters
-    unknown = [key for key in given if key not in declared]
+    names = {name.casefold() for name in declared}
+    unknown = [key for key in came if key.casefold() not in names]
     if unknown:
         known = f"identifiers among {', '.join(declared)}" if declared else "no identifier"
         raise UndeclaredIdentifierError(
             f"expected {known} (the plan's platform is {plan.recruitment.platform}),"
             f" got {unknown[0]!r}"
         )
-    return rules.kept(plan.recruitment, given)
+    return recruitment.read(plan, came.items())
 
 
 def _platform(plan: Plan) -> str | None:

@@ -72,6 +72,10 @@ class UndeclaredIdentifierError(ServiceError):
     """An identifier of a participant came under a key that the study's plan does not declare."""
 
 
+class IdsRefusedError(ServiceError):
+    """A platform's parameters that cannot be read: one has two values, or is too long."""
+
+
 class InvitationError(ServiceError):
     """The link to choose a password with lets nobody do so: used, too old, or unknown."""
 
@@ -106,6 +110,18 @@ class AlreadyTakenPartError(ConflictError):
         super().__init__(message)
         self.is_over = is_over
         self.way_back = way_back
+
+
+class KnownPersonError(ConflictError):
+    """Somebody of this platform's id has begun already, and an id alone proves nothing.
+
+    may_resume: whether the request also names the submission of that session, so that a press of
+    its person leads back into it.
+    """
+
+    def __init__(self, message: str, *, may_resume: bool) -> None:
+        super().__init__(message)
+        self.may_resume = may_resume
 
 
 class ResponseRefusedError(ConflictError):

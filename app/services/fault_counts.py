@@ -49,6 +49,8 @@ class Kind(StrEnum):
     DATABASE = "database"
     CROWDED = "crowded"
     RETENTION = "retention"
+    UNFILLED = "unfilled"
+    UNREADABLE = "unreadable"
 
 
 @dataclass(frozen=True)
@@ -88,15 +90,18 @@ class FaultCounts:
 
     def count(self, studio: Studio, kind: Kind, where: Where) -> None:
         """It failed just now. Raises nothing."""
+        self.note(studio, kind, where)
+        if time.monotonic() >= self._not_before:
+            self.write(studio)
+
+    def note(self, studio: Studio, kind: Kind, where: Where) -> None:
+        """The same in memory alone, for a caller that may not write; the next write takes it."""
         now = studio.now()
         fault = _Fault(kind, where, now.replace(minute=0, second=0, microsecond=0))
         with self._lock:
             if fault in self._waiting or len(self._waiting) < _MOST_WAITING:
                 self._waiting[fault] += 1
                 self._last[fault] = now
-            is_due = time.monotonic() >= self._not_before
-        if is_due:
-            self.write(studio)
 
     def write(self, studio: Studio) -> None:
         """Write what waits, unless another thread is at it. Raises nothing."""

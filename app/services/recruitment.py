@@ -6,7 +6,7 @@ committed.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from sqlalchemy import select
@@ -14,11 +14,13 @@ from sqlalchemy.orm import Session
 
 from app.storage.tables import Identity, SessionRow
 from app.study import recruitment as rules
+from app.study.identifiers import Given, UnreadableIdError
 from app.study.plan import Plan
 from app.study.protocol import Stage
 from app.study.recruitment import Outcome
 
 from . import studies
+from .errors import IdsRefusedError
 from .studio import Studio
 
 #: What each way of ending means to a platform.
@@ -30,9 +32,17 @@ OUTCOMES: Mapping[Stage, Outcome] = {
 }
 
 
-def ids_in_link(studio: Studio, slug: str, parameters: Mapping[str, str]) -> dict[str, str]:
-    """What may be kept of the parameters with which somebody came. Raises NotFoundError."""
-    return rules.kept(studies.find(studio, slug).plan.recruitment, parameters)
+def in_link(studio: Studio, slug: str, came: Iterable[tuple[str, str]]) -> Given:
+    """What may be kept of a link's parameters. Raises NotFoundError or IdsRefusedError."""
+    return read(studies.find(studio, slug).plan, came)
+
+
+def read(plan: Plan, came: Iterable[tuple[str, str]]) -> Given:
+    """What may be kept of the parameters that came. Raises IdsRefusedError."""
+    try:
+        return rules.read(plan.recruitment, came)
+    except UnreadableIdError as error:
+        raise IdsRefusedError(str(error)) from error
 
 
 def at_the_end(session: Session, row: SessionRow, plan: Plan) -> dict[str, Any] | None:

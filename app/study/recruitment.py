@@ -6,13 +6,15 @@ completion address, given the survey code; Mechanical Turk takes a form at `exte
 """
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Annotated, Literal
 from urllib.parse import parse_qsl, quote, urlencode, urlsplit, urlunsplit
 
 from pydantic import Field, StrictStr, StringConstraints
 
+from app.study import identifiers
+from app.study.identifiers import Given
 from app.study.part import Part
 from app.study.plain import Inconsistency, as_mapping
 
@@ -29,27 +31,39 @@ _NOT_ACCEPTED = "ASSIGNMENT_ID_NOT_AVAILABLE"
 
 #: An id that may become part of an address.
 _PLAIN_ID = re.compile(r"[A-Za-z0-9_-]{1,64}")
-LONGEST_ID = 200
 
 
 @dataclass(frozen=True)
 class Platform:
-    """What a platform adds to the link, and which of it names the person."""
+    """What a platform adds to the link, and which of it names the person.
+
+    submission: the parameter that names this one submission. A stranger cannot guess its value, as
+    they can look up or guess that of `person`. None where the platform has no such parameter.
+    """
 
     label: str
     parameters: tuple[str, ...]
     person: str
+    submission: str | None
 
 
 PLATFORMS: Mapping[str, Platform] = {
-    "prolific": Platform("Prolific", ("PROLIFIC_PID", "STUDY_ID", "SESSION_ID"), "PROLIFIC_PID"),
+    "prolific": Platform(
+        "Prolific", ("PROLIFIC_PID", "STUDY_ID", "SESSION_ID"), "PROLIFIC_PID", "SESSION_ID"
+    ),
     "connect": Platform(
-        "CloudResearch Connect", ("participantId", "assignmentId", "projectId"), "participantId"
+        "CloudResearch Connect",
+        ("participantId", "assignmentId", "projectId"),
+        "participantId",
+        "assignmentId",
     ),
     # SONA's parameter is the study's own choice: `Recruitment.parameter`.
-    "sona": Platform("SONA", (), ""),
+    "sona": Platform("SONA", (), "", None),
     "mturk": Platform(
-        "Mechanical Turk", ("workerId", "assignmentId", "hitId", "turkSubmitTo"), "workerId"
+        "Mechanical Turk",
+        ("workerId", "assignmentId", "hitId", "turkSubmitTo"),
+        "workerId",
+        "assignmentId",
     ),
 }
 
@@ -130,12 +144,21 @@ def study_link(platform: str, address: str, parameter: str) -> str:
             return address
 
 
-def kept(recruitment: Recruitment, given: Mapping[str, str]) -> dict[str, str]:
-    """What may be kept of the parameters of a link: the platform's own, and none besides."""
-    known = {name: given[name][:LONGEST_ID] for name in recruitment.parameters if given.get(name)}
-    if "turkSubmitTo" in known and _submit_address(known["turkSubmitTo"]) is None:
-        del known["turkSubmitTo"]
-    return known
+def read(recruitment: Recruitment, came: Iterable[tuple[str, str]]) -> Given:
+    """What may be kept of the parameters that came: the platform's own, and none besides.
+
+    Raises UnreadableIdError.
+    """
+    given = identifiers.read(recruitment.parameters, came)
+    ids = dict(given.ids)
+    if "turkSubmitTo" in ids and _submit_address(ids["turkSubmitTo"]) is None:
+        del ids["turkSubmitTo"]
+    return Given(ids, given.unfilled)
+
+
+def kept(recruitment: Recruitment, given: Mapping[str, str]) -> Mapping[str, str]:
+    """The same of parameters of which each came once."""
+    return read(recruitment, given.items()).ids
 
 
 def person(recruitment: Recruitment, ids: Mapping[str, str]) -> tuple[str, str] | None:
@@ -144,6 +167,14 @@ def person(recruitment: Recruitment, ids: Mapping[str, str]) -> tuple[str, str] 
         return None
     key = PLATFORMS[recruitment.platform].person or recruitment.parameter
     return (key, ids[key]) if ids.get(key) else None
+
+
+def submission(recruitment: Recruitment, ids: Mapping[str, str]) -> tuple[str, str] | None:
+    """The parameter that names the submission, and the name; None where there is none."""
+    if recruitment.platform == NO_PLATFORM:
+        return None
+    key = PLATFORMS[recruitment.platform].submission
+    return (key, ids[key]) if key is not None and ids.get(key) else None
 
 
 def is_mturk_preview(recruitment: Recruitment, given: Mapping[str, str]) -> bool:

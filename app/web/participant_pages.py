@@ -24,7 +24,7 @@ from app.services.studio import Studio
 from app.services.tokens import new_secret
 from app.study.recruitment import Outcome
 
-from . import languages, mturk_pages, turned_away
+from . import arrivals, languages, mturk_pages, turned_away
 from .failing_kindly import FailingKindly
 from .in_line import in_line
 from .security import SESSION_COOKIE_SECONDS, StudioDep, session_cookie, set_cookie
@@ -33,9 +33,6 @@ from .stage_pages import TITLES, stage_page
 from .words import translatable
 
 router = APIRouter(prefix="/s/{slug}", include_in_schema=False, route_class=FailingKindly)
-
-#: The parameter of a link that lets one person in.
-ENTRY = "entry"
 
 
 @router.get("")
@@ -105,8 +102,9 @@ def _enter(
     """The token of a newcomer's new session, or the page that says why there is none."""
     if _is_barred(studio, after):
         return to_stage(slug)
-    entry = request.query_params.get(ENTRY)
-    ids = recruitment.ids_in_link(studio, slug, request.query_params)
+    entry = arrivals.entry(request)
+    given = arrivals.given(request, slug, studio)
+    ids = given.ids
     language = _language(request, slug, studio)
     try:
         entrance = admission.entrance(studio, slug, language, entry=entry, ids=ids)
@@ -127,6 +125,7 @@ def _enter(
         return turned_away.taken_part(request, slug, studio, error)
     except (StudyFullError, TooManyBegunError, SessionTooOldError):
         return to_stage(slug, request.url.query)
+    arrivals.note_unfilled(studio, slug, given)
     return token
 
 
@@ -160,14 +159,14 @@ def _way_back_of(
     request: Request, studio: Studio, slug: str, outcome: Outcome
 ) -> dict[str, Any] | None:
     """The code and the way back of somebody of whom nothing is kept but the link they came by."""
-    ids = recruitment.ids_in_link(studio, slug, request.query_params)
+    ids = arrivals.given(request, slug, studio).ids
     return recruitment.described(studies.find(studio, slug).plan, outcome, ids)
 
 
 def _arrival(request: Request, slug: str, studio: Studio) -> Response:
     """Somebody without a session in this browser: taken back into theirs, or a newcomer."""
     if request.query_params:
-        ids = recruitment.ids_in_link(studio, slug, request.query_params)
+        ids = arrivals.given(request, slug, studio).ids
         try:
             token = returning.come_back(studio, slug, ids)
         except AlreadyTakenPartError as error:
@@ -188,7 +187,7 @@ def _is_of_another(request: Request, slug: str, studio: Studio) -> bool:
     token = request.cookies.get(session_cookie(slug))
     if token is None or not request.query_params:
         return False
-    ids = recruitment.ids_in_link(studio, slug, request.query_params)
+    ids = arrivals.given(request, slug, studio).ids
     return returning.is_somebody_else(studio, token, ids)
 
 
@@ -232,8 +231,8 @@ def _entrance(
 ) -> Response:
     """A newcomer's first page: the welcome if the study has one, and then the consent."""
     language = _language(request, slug, studio)
-    entry = request.query_params.get(ENTRY)
-    ids = recruitment.ids_in_link(studio, slug, request.query_params)
+    entry = arrivals.entry(request)
+    ids = arrivals.given(request, slug, studio).ids
     try:
         entrance = admission.entrance(studio, slug, language, entry=entry, ids=ids)
     except EntryLinkError as error:

@@ -66,6 +66,8 @@ KINDS: tuple[tuple[type[Exception], Kind], ...] = (
     (errors.TooLateToUndoError, Kind(409, "too-late-to-undo", "Too late to undo")),
     (errors.SetAsideError, Kind(409, "set-aside", "Another query took its place")),
     (errors.NothingToShowError, Kind(409, "nothing-to-show", "No video can be shown")),
+    (errors.IdsRefusedError, Kind(422, "ids-refused", "This link cannot be read")),
+    (errors.KnownPersonError, Kind(409, "known-person", "Begun already")),
     (errors.AlreadyTakenPartError, Kind(409, "already-taken-part", "Taken part already")),
     (errors.AlreadyAnsweredError, Kind(409, "already-answered", "Already answered")),
     (errors.SkipNotOfferedError, Kind(409, "skip-not-offered", "No skip here")),
@@ -88,6 +90,14 @@ _NOT_NOW = translatable(
     "Please open the study's link again: it leads to where you were."
     " If that does not help, tell the people who sent it to you."
 )
+#: What they can do about a refusal of this name.
+_ADVICE = {
+    "ids-refused": translatable(
+        "This link does not say clearly who you are: a part of it came twice, or is too long."
+        " Please open the study again from where you found it."
+        " If that does not help, tell the people who run the study."
+    )
+}
 _EVALUATORS_TITLES = {404: translatable("Not found"), 422: translatable("Not understood")}
 _OTHER_TITLE = translatable("That is not possible now")
 
@@ -161,7 +171,8 @@ def _answer(request: Request, kind: Kind, detail: str, **extra: Any) -> Response
     if request.url.path.startswith("/s/"):
         language = languages.of_reader(request, spoken())
         title = translated(_EVALUATORS_TITLES.get(kind.status, _OTHER_TITLE), language)
-        detail = translated(_NOTHING_HERE if kind.status == 404 else _NOT_NOW, language)
+        advice = _NOTHING_HERE if kind.status == 404 else _ADVICE.get(kind.name, _NOT_NOW)
+        detail = translated(advice, language)
     return page(
         request,
         "error.html",

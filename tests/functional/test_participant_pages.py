@@ -148,12 +148,17 @@ def test_a_platforms_ids_travel_from_the_link_to_the_identities(
     }
 
 
-def test_a_link_with_too_much_in_it_still_lets_one_in(
+def test_a_link_with_much_besides_lets_one_in_and_an_id_that_is_too_long_does_not(
     client: Api, recruit: Recruit, studio: Studio
 ) -> None:
     recruit(FROM_PROLIFIC)
     link = "?" + "&".join(f"key{'k' * 80}{n}={'v' * 300}" for n in range(30))
-    sent_on(agree(client, f"{link}&PROLIFIC_PID={'v' * 300}"))
+    for query in (f"{link}&PROLIFIC_PID={'v' * 201}", "?PROLIFIC_PID=a&prolific_pid=b"):
+        page = client.get(f"/s/short{query}")
+        assert (page.status_code, heading(page)) == (422, "Not understood")
+        assert "does not say clearly who you are" in page.text
+        assert client.post(f"/s/short/consent{query}", data={"version": "0"}).status_code == 422
+    sent_on(agree(client, f"{link}&PROLIFIC_PID={'v' * 200}"))
     identities = client.table("identities", token_for(studio))
     assert identities[["key", "value"]].to_numpy().tolist() == [["PROLIFIC_PID", "v" * 200]]
 

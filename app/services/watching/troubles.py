@@ -79,6 +79,20 @@ _SAID = {
         "If so many people did come, have PBPO_BEGUN_PER_HOUR raised. If not, a program may be"
         " beginning sessions: single-use links keep it out.",
     ),
+    Kind.UNFILLED: _Said(
+        "participant",
+        "came by a link in which the platform's parameters were not filled in, such as"
+        " {{%PROLIFIC_PID%}}. Nobody can be recognised by them, and they are not kept.",
+        "If these were not colleagues who tried the link, look at the platform whether it fills the"
+        " parameters in: at Prolific, choose URL parameters where it asks how ids are recorded.",
+    ),
+    Kind.UNREADABLE: _Said(
+        "request",
+        "was refused because a parameter of the platform came twice with different values, or was"
+        " too long.",
+        "Compare the link at the platform with the one under Recruit: each parameter stands in it"
+        " once.",
+    ),
     Kind.RETENTION: _Said(
         "hourly sweep",
         "of what this study has promised to delete failed. Some of it may be there still.",

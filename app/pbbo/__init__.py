@@ -33,7 +33,7 @@ from app.pbbo.errors import (
 from app.pbbo.methods import METHODS, allows_skip, has_posterior
 from app.pbbo.optimizer import ENGINE_VERSION, PreferenceOptimizer
 from app.pbbo.preferences import RESPONSES, Preference, Query, Response
-from app.pbbo.scored import SCORE_METHODS, SCORE_PRESETS, ScoreOptimizer
+from app.pbbo.score_optimizer import SCORE_METHODS, SCORE_PRESETS, ScoreOptimizer
 from app.pbbo.settings import PRESETS, ScoreSettings, Settings
 
 __all__ = [

@@ -12,7 +12,6 @@ import numpy as np
 
 from app.pbbo.acquisition import random_pair, thompson_pair
 from app.pbbo.candidates import Candidates, FloatArray
-from app.pbbo.covering import covering
 from app.pbbo.errors import (
     FitError,
     HistoryError,
@@ -22,6 +21,7 @@ from app.pbbo.errors import (
     SkipNotOfferedError,
     UnknownResponseError,
 )
+from app.pbbo.farthest_point import farthest_points
 from app.pbbo.knockout import challenger
 from app.pbbo.methods import method_named
 from app.pbbo.one_thread import one_thread
@@ -31,8 +31,8 @@ from app.pbbo.settings import Settings
 from app.pbbo.synthesis import Learned
 
 if TYPE_CHECKING:
-    from app.pbbo.averaging import Average
     from app.pbbo.model import Posterior
+    from app.pbbo.model_averaging import Average
     from app.pbbo.prior import Prior
 
 # Part of every recorded query. Raise it whenever the same history and seed may give another query.
@@ -221,15 +221,13 @@ class PreferenceOptimizer:
     def _model_pair(self, index: int) -> tuple[str, tuple[int, int]]:
         """The acquisition's name and the pair it chose."""
         # Loaded by the fit at the latest: no import waits here.
-        from app.pbbo.averaging import Average  # noqa: PLC0415
-        from app.pbbo.best_option import best_option_pair  # noqa: PLC0415
+        from app.pbbo.eubo import eubo_pair  # noqa: PLC0415
+        from app.pbbo.model_averaging import Average  # noqa: PLC0415
 
         belief = self._believe()
         if isinstance(belief, Average):
             boldness = self._settings.threshold_boldness
-            return "best-option", best_option_pair(
-                belief, boldness[index % len(boldness)], self._last
-            )
+            return "best-option", eubo_pair(belief, boldness[index % len(boldness)], self._last)
         rng = generator(self._seed, Purpose.THOMPSON, index)
         pair = thompson_pair(rng, belief.draw, len(self._candidates), self._last)
         return self._settings.acquisition, pair
@@ -239,7 +237,7 @@ class PreferenceOptimizer:
         if index >= self._settings.threshold_covering:
             return None
         rng = generator(self._seed, Purpose.COVERING, 0)
-        rows = covering(rng, self._candidates.points, 2 * self._settings.threshold_covering)
+        rows = farthest_points(rng, self._candidates.points, 2 * self._settings.threshold_covering)
         # Few candidates are covered before the phase is over.
         pair = rows[2 * index : 2 * index + 2]
         return (int(pair[0]), int(pair[1])) if len(pair) == 2 else None
@@ -257,8 +255,8 @@ class PreferenceOptimizer:
         if self._belief is None:
             # SciPy takes a third of a second to import, which no command should pay that does not
             # fit a model.
-            from app.pbbo.averaging import average_over  # noqa: PLC0415
             from app.pbbo.model import belief_over  # noqa: PLC0415
+            from app.pbbo.model_averaging import average_over  # noqa: PLC0415
 
             learned = self._learned
             try:

@@ -18,7 +18,7 @@ from typing import Final
 import numpy as np
 
 from app.pbbo.candidates import FloatArray
-from app.pbbo.model import Tally
+from app.pbbo.comparisons import Tally
 from app.pbbo.preferences import Preference
 from app.pbbo.prior import KEPT_PRIORS, Prior
 from app.pbbo.synthesis import Skip

@@ -28,7 +28,6 @@ from scipy.linalg import blas, lapack
 
 from app.pbbo.candidates import FloatArray
 from app.pbbo.errors import FitError
-from app.pbbo.krylov import gmres
 from app.pbbo.probit import expectations
 
 # The first stage's scale as a share of the prior's widest standard deviation, and its sites as
@@ -393,7 +392,11 @@ def solve_sites(
         carried = (ahead @ (third * fall)) @ ahead
         return np.asarray((step - 0.5 / wanted * (fourth * fall + third * carried)) / response)
 
-    step = gmres(apply, right / response, tolerance, MOST_DIRECTIONS)
+    # Loaded here: no history of fewer than a hundred different answers comes this far.
+    from scipy.sparse.linalg import LinearOperator, gmres  # noqa: PLC0415
+
+    operator = LinearOperator((count, count), matvec=apply, dtype=np.float64)
+    step, _ = gmres(operator, right / response, rtol=tolerance, restart=MOST_DIRECTIONS, maxiter=1)
     return step, falling(held * step)
 
 

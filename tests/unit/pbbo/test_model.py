@@ -12,7 +12,8 @@ from scipy.stats import qmc
 from app.pbbo import FitError, Preference, PreferenceOptimizer, Settings
 from app.pbbo import model as model_module
 from app.pbbo.candidates import Candidates, FloatArray
-from app.pbbo.model import Posterior, belief_over, tally
+from app.pbbo.comparisons import tally
+from app.pbbo.model import Posterior, belief_over
 from app.pbbo.preferences import Response
 from app.pbbo.prior import build, kernel
 from app.pbbo.variational import Answers, fit

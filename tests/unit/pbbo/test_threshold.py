@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from app.pbbo import Preference, PreferenceOptimizer, Settings, SettingsError
-from app.pbbo.averaging import Average, average_over
 from app.pbbo.candidates import Candidates, FloatArray
+from app.pbbo.model_averaging import Average, average_over
 from app.pbbo.preferences import Response
 from app.pbbo.synthesis import Learned
 from app.pbbo.threshold import with_threshold

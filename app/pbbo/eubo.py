@@ -16,9 +16,9 @@ from scipy.linalg import lapack
 from scipy.special import ndtr
 
 from app.pbbo.acquisition import allowed
-from app.pbbo.averaging import Average
 from app.pbbo.candidates import FloatArray, IndexArray
 from app.pbbo.model import Posterior
+from app.pbbo.model_averaging import Average
 
 # All pairs among this many candidates with the largest upper bounds are looked at. The pair chosen
 # of 231 candidates is the same in all but a few steps, at a tenth of the cost.
@@ -31,7 +31,7 @@ LEAST_WEIGHT: Final = 0.01
 SQRT_2PI: Final = float(np.sqrt(2.0 * np.pi))
 
 
-def best_option_pair(belief: Average, boldness: float, last: Set[int]) -> tuple[int, int]:
+def eubo_pair(belief: Average, boldness: float, last: Set[int]) -> tuple[int, int]:
     """The pair with the largest expected utility of its better candidate, but not `last` again."""
     listed = shortlist(belief, boldness)
     row, column = np.triu_indices(len(listed), 1)

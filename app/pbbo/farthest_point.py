@@ -11,7 +11,7 @@ import numpy as np
 from app.pbbo.candidates import FloatArray, IndexArray
 
 
-def covering(rng: np.random.Generator, points: FloatArray, count: int) -> IndexArray:
+def farthest_points(rng: np.random.Generator, points: FloatArray, count: int) -> IndexArray:
     """Rows of `points` (n, d) that cover it, at most `count`, in random order."""
     taken = [int(rng.integers(len(points)))]
     nearest = np.full(len(points), np.inf)

@@ -12,8 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from app.pbbo.candidates import Candidates, FloatArray
+from app.pbbo.comparisons import tally
 from app.pbbo.errors import FitError
-from app.pbbo.model import Posterior, posterior_of, tally, unlearned
+from app.pbbo.model import Posterior, posterior_of, unlearned
 from app.pbbo.preferences import Preference
 from app.pbbo.prior import prior_over
 from app.pbbo.settings import Settings

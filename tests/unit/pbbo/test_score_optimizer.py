@@ -15,7 +15,7 @@ from app.pbbo import (
 )
 from app.pbbo.candidates import Candidates, FloatArray
 from app.pbbo.prior import build
-from app.pbbo.scored import regress
+from app.pbbo.score_optimizer import regress
 
 TRIANGLE: FloatArray = np.array([(i / 20, j / 20) for i in range(21) for j in range(i + 1)])
 PEAK = np.array([0.7, 0.4])

@@ -11,10 +11,11 @@ from typing import Any, Final
 
 import numpy as np
 import torch
+from scipy.optimize import brentq
 from scipy.spatial.distance import cdist
 
 from app.pbbo.candidates import FloatArray
-from app.pbbo.model import Tally, whitened
+from app.pbbo.comparisons import Tally, whitened
 from app.pbbo.prior import kernel
 from app.pbbo.probit import expectations
 from app.pbbo.settings import Settings
@@ -66,29 +67,11 @@ def best_length_scale(points: FloatArray, tally: Tally, settings: Settings) -> f
         there = min(max(here + step, lowest), highest)
         ahead = slope(there)
         if ahead * uphill <= 0.0:
-            return exp(zero_between(slope, here, uphill, there, ahead))
+            return exp(brentq(slope, here, there, xtol=CLOSE_ENOUGH, maxiter=MOST_FITS))
         if there in (lowest, highest):
             return exp(there)
         here, uphill, step = there, ahead, 2.0 * step
     return exp(here)
-
-
-def zero_between(slope: Any, low: float, at_low: float, high: float, at_high: float) -> float:
-    """A zero of `slope` between two places where its signs differ (Illinois method)."""
-    for _ in range(MOST_FITS):
-        if abs(high - low) < CLOSE_ENOUGH or at_high == 0.0:
-            break
-        middle = (low * at_high - high * at_low) / (at_high - at_low)
-        at_middle = slope(middle)
-        if at_middle * at_high <= 0.0:
-            low, at_low = high, at_high
-        else:
-            # The same end moved twice: without this the other would never come closer.
-            at_low *= 0.5
-        if abs(middle - high) < CLOSE_ENOUGH / 10.0:
-            return float(middle)
-        high, at_high = middle, at_middle
-    return float(high)
 
 
 def bound_and_slope(

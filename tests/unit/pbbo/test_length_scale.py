@@ -5,8 +5,8 @@ import pytest
 
 from app.pbbo import Preference, PreferenceOptimizer, Settings
 from app.pbbo.candidates import Candidates, FloatArray
-from app.pbbo.evidence import best_length_scale, bound_and_slope
-from app.pbbo.model import Tally, tally
+from app.pbbo.comparisons import Tally, tally
+from app.pbbo.length_scale import best_length_scale, bound_and_slope
 
 GRID: FloatArray = np.array([(i / 10, j / 10) for i in range(11) for j in range(11)])
 

@@ -28,8 +28,6 @@ from uvicorn.supervisors import Multiprocess
 from app.main import create_app
 from app.services import design, jobs, logs, measurements
 from app.services.errors import ConflictError
-from app.services.foreseen_together import ForeseenTogether
-from app.services.proposals import Step
 from app.services.settings import Settings
 from app.services.studio import Studio, open_studio
 from app.simulation import simulate_job
@@ -107,14 +105,11 @@ def serve_with_workers(
 ) -> None:
     """Serve with several processes on one socket; one that dies is replaced. Logs are JSON."""
     logs.write_json()
-    # What each of them counts, and what each of them works out ahead, is found here by all.
+    # Each worker writes its measurements here, and any of them reads them all.
     with tempfile.TemporaryDirectory(prefix="pbpo-workers-") as folder:
         os.environ[measurements.SHARED_DIR] = folder
-        foreseen = Path(folder) / "foreseen.sqlite3"
-        # Made before anybody else opens it: of several who make it at once, some are refused.
-        ForeseenTogether[Step](foreseen).close()
         config = _config(
-            partial(_worker, settings, foreseen),
+            partial(_worker, settings, Path(folder)),
             settings,
             factory=True,
             log_config=None,
@@ -145,11 +140,11 @@ class _Workers(Multiprocess):
             mark_process_dead(pid)  # type: ignore[no-untyped-call]
 
 
-def _worker(settings: Settings, foreseen: Path) -> FastAPI:
+def _worker(settings: Settings, folder: Path) -> FastAPI:
     """The application of one worker, made in its own process."""
     logs.write_json()
     _expect_many()
-    app = _application(open_studio(settings, foreseen=ForeseenTogether(foreseen)))
+    app = _application(open_studio(settings))
     told = threading.Event()
 
     def tell(before: Any, number: int, frame: FrameType | None) -> None:
@@ -160,7 +155,7 @@ def _worker(settings: Settings, foreseen: Path) -> FastAPI:
         # The server's own answer is there already, and is given after ours.
         signal.signal(number, partial(tell, signal.getsignal(number)))
     app.state.stopping = told.is_set
-    threading.Thread(target=partial(_end_with_server, foreseen.parent), daemon=True).start()
+    threading.Thread(target=partial(_end_with_server, folder), daemon=True).start()
     return app
 
 

@@ -23,7 +23,6 @@ from app.study.checks import Checks
 from .background import Background
 from .beliefs import Beliefs
 from .foreseen import Foreseen
-from .foreseen_together import ForeseenTogether
 from .measurements import Measurements
 from .thoughts import AcquiredCandidate, Elsewhere, History, Question, Thought, think, think_all
 
@@ -118,14 +117,13 @@ class Proposer:
         background: Background,
         render: Callable[[Clip], None],
         measurements: Measurements,
-        foreseen: Foreseen[Step] | ForeseenTogether[Step] | None = None,
     ) -> None:
         self._database = database
         self._background = background
         self._render = render
         self._measurements = measurements
         self._spaces: dict[tuple[int, str], Space] = {}
-        self._foreseen = foreseen or Foreseen[Step]()
+        self._foreseen = Foreseen[Step]()
         self._elsewhere = Elsewhere()
         #: What models believe, for those who look at a session.
         self.beliefs = Beliefs()
@@ -185,7 +183,6 @@ class Proposer:
 
     def close(self) -> None:
         self._elsewhere.close()
-        self._foreseen.close()
 
     def render(self, clips: Sequence[Clip]) -> None:
         """Begin to make the videos that are not there yet."""

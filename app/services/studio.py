@@ -19,11 +19,10 @@ from .background import Background
 from .errors import ConflictError
 from .ethics import bundle_job
 from .fault_counts import FaultCounts
-from .foreseen_together import ForeseenTogether
 from .in_process import InProcess
 from .ledger import Ledger
 from .measurements import Measurements
-from .proposals import Proposer, Step
+from .proposals import Proposer
 from .recordings import Recordings
 from .server_secret import ServerSecret
 from .settings import Settings
@@ -69,13 +68,12 @@ def open_studio(
     now: Callable[[], datetime] = utc_now,
     seed: Callable[[], int] = new_seed,
     background: Background | None = None,
-    foreseen: ForeseenTogether[Step] | None = None,
     restoring: bool = False,
 ) -> Studio:
     """Open the studio of `settings`, bringing its database to the newest schema.
 
-    foreseen: what is worked out ahead, where other processes serve the same people. restoring:
-    whether this is the restore that the database is under; others are refused until it is done.
+    restoring: whether this is the restore that the database is under; others are refused until it
+    is done.
     Raises ConflictError.
     """
     # A fit takes some milliseconds on one processor, and several times that if every fit of every
@@ -108,7 +106,7 @@ def open_studio(
         database=database,
         background=background,
         recordings=recordings,
-        proposer=Proposer(database, background, recordings.make_soon, measurements, foreseen),
+        proposer=Proposer(database, background, recordings.make_soon, measurements),
         measurements=measurements,
         ledger=Ledger(settings.ledger_path),
         secret=secret,

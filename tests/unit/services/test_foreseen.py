@@ -1,19 +1,14 @@
-"""What is kept of what was worked out ahead: in a process's memory, or in a file of several."""
+"""What is kept of what was worked out ahead."""
 
 from __future__ import annotations
 
-import sqlite3
-from collections.abc import Callable, Iterator
-from pathlib import Path
-
 import pytest
 
-from app.services import foreseen, foreseen_together
+from app.services import foreseen
 from app.services.foreseen import Foreseen
-from app.services.foreseen_together import ForeseenTogether
 from app.services.thoughts import History
 
-Kept = Foreseen[str] | ForeseenTogether[str]
+Kept = Foreseen[str]
 
 FIRST: History = ()
 LEFT: History = ((0, 1, "left"),)
@@ -21,11 +16,9 @@ RIGHT: History = ((0, 1, "right"),)
 LATER: History = (*LEFT, (2, 3, "skip"))
 
 
-@pytest.fixture(params=["in memory", "together"])
-def kept(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Kept]:
-    made: Kept = Foreseen() if request.param == "in memory" else ForeseenTogether(tmp_path / "kept")
-    yield made
-    made.close()
+@pytest.fixture
+def kept() -> Kept:
+    return Kept()
 
 
 def test_what_was_told_is_known_and_nothing_else(kept: Kept) -> None:
@@ -69,66 +62,9 @@ def test_what_is_dropped_may_be_told_again(kept: Kept) -> None:
 
 
 def test_of_many_trials_those_seen_last_are_kept(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+    kept: Kept, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(foreseen, "KEPT", 2)
-    monkeypatch.setattr(foreseen_together, "KEPT", 2)
-    for kept in (Foreseen[str](), ForeseenTogether[str](tmp_path / "kept")):
-        for seed, answers in ((1, 0), (2, 0), (1, 1), (3, 0)):
-            kept.go_on(seed, answers)
-        assert kept.seeds() == {1, 3}
-        kept.close()
-
-
-@pytest.fixture
-def two(tmp_path: Path) -> Iterator[tuple[ForeseenTogether[str], ForeseenTogether[str]]]:
-    """As two processes have it."""
-    one, other = (ForeseenTogether[str](tmp_path / "kept") for _ in range(2))
-    yield one, other
-    one.close()
-    other.close()
-
-
-def test_what_one_process_tells_another_knows(
-    two: tuple[ForeseenTogether[str], ForeseenTogether[str]],
-) -> None:
-    one, other = two
-    one.tell(7, {LEFT: "after left"})
-    assert other.after(7, [LEFT, RIGHT]) == ["after left", None]
-    other.go_on(7, 2)
-    assert (one.stands_at(7), one.after(7, [LEFT])) == (2, [None])
-    other.forget(frozenset({7}))
-    one.tell(7, {LATER: "later"})
-    assert one.seeds() == frozenset()
-
-
-def test_what_was_forgotten_is_nowhere_in_the_file(tmp_path: Path) -> None:
-    kept: ForeseenTogether[str] = ForeseenTogether(tmp_path / "kept")
-    kept.tell(7, {LEFT: "what somebody thinks of it"})
-    kept.forget(frozenset({7}))
-    kept.close()
-    assert not [file for file in tmp_path.iterdir() if b"somebody" in file.read_bytes()]
-
-
-@pytest.mark.parametrize(
-    "ask",
-    [
-        lambda kept: kept.after(7, [LEFT]) == [None],
-        lambda kept: kept.stands_at(7) is None,
-        lambda kept: kept.seeds() == frozenset(),
-        lambda kept: kept.tell(7, {LEFT: "after left"}) is None,
-        lambda kept: kept.go_on(7, 1) is None,
-        lambda kept: kept.drop(frozenset({7})) is None,
-    ],
-)
-def test_a_file_that_fails_costs_what_was_worked_out_ahead_and_no_more(
-    ask: Callable[[ForeseenTogether[str]], bool], tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
-    kept: ForeseenTogether[str] = ForeseenTogether(tmp_path / "kept")
-    with sqlite3.connect(tmp_path / "kept") as file:
-        file.execute("DROP TABLE steps")
-        file.execute("DROP TABLE trials")
-    file.close()
-    assert ask(kept)
-    assert "cannot be kept or found" in caplog.text
-    kept.close()
+    for seed, answers in ((1, 0), (2, 0), (1, 1), (3, 0)):
+        kept.go_on(seed, answers)
+    assert kept.seeds() == {1, 3}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from datetime import timedelta
 from typing import Any
 
 from sqlalchemy.orm import Session
@@ -12,9 +11,8 @@ from app.study.checks import Kind
 from app.study.plan import Condition, Plan
 from app.study.protocol import Stage
 from app.study.stages import PRACTICE_INDEX
-from app.study.time_left import seconds_left
 
-from . import practice, queries
+from . import practice, queries, undo_offer
 from .course import check_at, kind_at, learned, teaches
 from .proposals import NextQuery, TrialInHand
 from .queries import Standing
@@ -58,17 +56,11 @@ def _undo(
     studio: Studio, session: Session, row: SessionRow, trial: Standing
 ) -> dict[str, str | float] | None:
     """What the page of the open query says of undoing the response before it, while it may."""
-    undo_s = stored_plan(row.plan).query.undo_s
-    if not undo_s or trial.attempt > 0:
+    offer = undo_offer.find(session, row, trial, studio.now())
+    seconds_left = round(offer.seconds_left, 1) if offer is not None else 0.0
+    if offer is None or seconds_left <= 0:
         return None
-    before = queries.answered_before(session, trial)
-    if before is None or before.response is None:
-        return None
-    ends_at = before.response.answered_at + timedelta(seconds=undo_s)
-    left = seconds_left(undo_s, ends_at, studio.now())
-    if left <= 0 or queries.was_undone(session, trial.public_id):
-        return None
-    return {"query_id": before.public_id, "seconds_left": round(left, 1)}
+    return {"query_id": offer.query.public_id, "seconds_left": seconds_left}
 
 
 def video_url(public_id: str) -> str:

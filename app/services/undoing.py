@@ -6,24 +6,21 @@ followed from it. The session is back at its query.
 
 from __future__ import annotations
 
-from datetime import datetime, timedelta
+from datetime import datetime
 
-from sqlalchemy import delete, or_, select
+from sqlalchemy import delete, or_
 from sqlalchemy.orm import Session
 
 from app.storage.tables import Acquired, PreferenceRow, QueryRow, UndoneResponse
 from app.study import protocol
 from app.study.protocol import Stage
 
-from . import queries, sessions
+from . import queries, sessions, undo_offer
 from . import state as session_state
 from .errors import TooLateToUndoError
 from .state import State
 from .studies import stored_plan
 from .studio import Studio
-
-#: The page counts from when the state arrived there: this much later it may still ask.
-GRACE = timedelta(seconds=3)
 
 
 def undo(studio: Studio, token: str, query_id: str) -> State:
@@ -39,14 +36,19 @@ def undo(studio: Studio, token: str, query_id: str) -> State:
                 return session_state.describe(studio, session, row)
             raise TooLateToUndoError("expected an answered query, got an open one", row.stage)
         now = studio.now()
-        offered = timedelta(seconds=stored_plan(row.plan).query.undo_s)
-        following = None
-        if query.trial.trial_index == row.trial_index and row.stage == Stage.QUERY:
-            following = _last_and_untouched(session, query)
-        if not offered or following is None or now > query.response.answered_at + offered + GRACE:
+        offer = trial = None
+        if row.stage == Stage.QUERY:
+            trial = queries.standing(session, row, row.trial_index)
+            offer = undo_offer.find(session, row, trial, now)
+        if trial is None or offer is None or offer.query.id != query.id:
+            undo_s = stored_plan(row.plan).query.undo_s
             raise TooLateToUndoError(
-                f"expected a response of the last {offered.seconds} s of this trial", row.stage
+                f"expected the last response of this trial, given in the last {undo_s} s"
+                if undo_s
+                else "expected a study that lets responses be taken back, and this one does not",
+                row.stage,
             )
+        following = queries.find(session, row, trial.public_id)
         sessions.advance(studio, row, protocol.Undone(query_index=query.query_index))
         _take_back(session, query, now)
         session.delete(following)
@@ -75,20 +77,3 @@ def _take_back(session: Session, query: QueryRow, now: datetime) -> None:
     session.execute(
         delete(Acquired).where(Acquired.trial_id == query.trial_id, Acquired.query_index == here)
     )
-
-
-def _last_and_untouched(session: Session, query: QueryRow) -> QueryRow | None:
-    """The query after this one, if nothing has happened to it yet."""
-    after = session.scalars(
-        select(QueryRow).where(
-            QueryRow.trial_id == query.trial_id, QueryRow.query_index > query.query_index
-        )
-    ).all()
-    if (
-        len(after) != 1
-        or after[0].response is not None
-        or queries.was_undone(session, after[0].public_id)
-    ):
-        # With the query would go what is kept of it: a response that was taken back before.
-        return None
-    return after[0]

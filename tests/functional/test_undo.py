@@ -90,10 +90,43 @@ def test_a_clock_that_is_set_back_by_hours_offers_no_undo_for_hours(
     session: Session, clock: Clock
 ) -> None:
     session.respond("left")
-    clock.forward(-2)
-    assert session.look()["query"]["undo"]["seconds_left"] == 5.0
+    body = {"query_id": session.state["query"]["undo"]["query_id"]}
     clock.forward(-7200)
     assert "undo" not in session.look()["query"]
+    # What is not offered is refused: it was taken for two hours.
+    assert session.call("undo", body).status_code == 409
+    clock.forward(7200)
+    assert session.look()["query"]["undo"]["seconds_left"] == 5.0
+    assert session.call("undo", body).status_code == 200
+
+
+@pytest.mark.parametrize("set_to", [-61, -60, -30, -1, 0, 4.9, 5, 7.9, 8, 61, 86_400])
+def test_whatever_the_clock_does_what_is_offered_is_done(
+    session: Session, clock: Clock, set_to: float
+) -> None:
+    session.respond("left")
+    body = {"query_id": session.state["query"]["undo"]["query_id"]}
+    clock.forward(set_to)
+    offered = session.look()["query"].get("undo", {"seconds_left": 0})["seconds_left"]
+    assert 0 <= offered <= 5
+    # A page counts from when it heard of it, so that it may ask some seconds later.
+    is_in_time = -60 <= set_to < 5 + 3
+    assert (offered > 0) == (-60 <= set_to < 5)
+    assert session.call("undo", body).status_code == (200 if is_in_time else 409)
+
+
+def test_an_answer_of_the_practice_is_not_offered_to_be_taken_back(
+    studio: Studio, study_shelf: StudyShelf, client: Api
+) -> None:
+    study_shelf.put_into(studio, UNDO_PLAN + "practice: {queries: 2}\n")
+    session = client.start()
+    while session.state["stage"] != "practice":
+        session.consent() if session.state["stage"] == "consent" else session.go_on()
+    answered = {"query_id": session.state["query"]["id"]}
+    session.respond("left")
+    assert session.state["stage"] == "practice"
+    assert "undo" not in session.state["query"]
+    assert session.call("undo", answered).status_code == 409
 
 
 def test_only_the_last_response_can_be_taken_back(session: Session) -> None:

@@ -184,7 +184,7 @@ class Person:
             and pressed.at == self.at - 1
             and COURSE[pressed.at].stage == "query"
             and not self._touched()
-            and now <= pressed.time + UNDO + UNDO_GRACE
+            and now < pressed.time + UNDO + UNDO_GRACE
         )
 
     def offered_to_take_back(self, now: datetime) -> dict[str, Any] | None:

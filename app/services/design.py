@@ -27,7 +27,7 @@ from .studio import Studio
 THINKING_S = 4.0
 #: What the texts before the first trial take to read, in seconds: an assumption.
 READING_S = 180.0
-#: A regret this close to that at the end counts as no worse, as a part of all that was gained.
+#: A regret this close to the lowest that follows counts as no worse, as a part of all gained.
 NO_WORSE = 0.1
 
 #: The kind of job that lets simulated evaluators walk through a study.
@@ -187,10 +187,11 @@ def _contrast(curves: Curves, first: str, second: str) -> Contrast | None:
 
 
 def _enough(mean_regret: NDArray[np.float64]) -> int:
-    """The first query from which the mean regret, of shape (queries,), is about as at the end."""
-    gained = max(float(mean_regret[0] - mean_regret[-1]), 0.0)
-    too_high = np.flatnonzero(mean_regret > mean_regret[-1] + NO_WORSE * gained + 1e-12)
-    return int(too_high[-1]) + 2 if len(too_high) else 1
+    """The first query after which the mean regret, of shape (queries,), hardly gets lower."""
+    lowest_yet_to_come = np.minimum.accumulate(mean_regret[::-1])[::-1]
+    gained = float(mean_regret[0] - mean_regret.min())
+    hardly = mean_regret - lowest_yet_to_come <= NO_WORSE * gained + 1e-12
+    return int(np.flatnonzero(hardly)[0]) + 1
 
 
 def _steps(queries: int) -> list[int]:

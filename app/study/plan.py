@@ -199,6 +199,11 @@ class Plan(Part):
         return self.queries_per_trial + self.repeats_per_trial + self.attention_per_trial
 
     @property
+    def learned_per_trial(self) -> int:
+        """How many responses of a whole trial its model learns from."""
+        return self.shown_per_trial if self.checks.in_model else self.queries_per_trial
+
+    @property
     def used_environments(self) -> tuple[str, ...]:
         """The environments that conditions name, in the order of the conditions."""
         return tuple(dict.fromkeys(condition.environment for condition in self.conditions))

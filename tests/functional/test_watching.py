@@ -279,7 +279,8 @@ def test_the_numbers_of_the_figures_are_those_of_the_export(watched: Api) -> Non
     queries = exported(watched, "queries").dropna(subset="response")
     sides = found("sides").set_index("session_id")
     choices = queries[queries["response"] != "skip"]
-    left = (choices["response"] == "left").groupby(choices["session_id"]).mean()
+    asked = choices[choices["trial_type"].isin(["random", "model"])]
+    left = (asked["response"] == "left").groupby(asked["session_id"]).mean()
     assert dict(sides["share_left"].round(9)) == dict(left.round(9))
 
     times = found("response-times")
@@ -299,6 +300,7 @@ def test_the_numbers_of_the_figures_are_those_of_the_export(watched: Api) -> Non
 
     skips = found("skips")
     offered = queries[queries["condition"].isin(["pbpo", "no-synthesis"])]
+    offered = offered[offered["trial_type"].isin(["random", "model"])]
     assert skips["skips"].sum() == (offered["response"] == "skip").sum()
     assert skips["answers"].sum() == len(offered)
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from itertools import combinations
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import combinations, groupby
 from typing import Final
 
 from sqlalchemy.orm import Session
@@ -10,11 +11,13 @@ from sqlalchemy.orm import Session
 from app.services.export.columns import Request, points
 from app.services.scores import mean_scores
 from app.statistics.comparisons import SampleError, compare, p_value
+from app.study.plan import Plan
 
 from .found import Found, Row
-from .reading import answers, holdings
+from .reading import Holding, answers, holdings
 
-#: Answers after which the paper looks at what people's trials had acquired (Fig. 17).
+#: Answers after which the paper looks at what people's trials had acquired (Fig. 17). A trial's
+#: last answer is looked at besides.
 AFTER_ANSWERS: Final = (10, 20, 30)
 
 
@@ -63,13 +66,16 @@ def _shown(session: Session, request: Request) -> dict[tuple[str, int], float]:
 
 
 def scores_acquired(session: Session, request: Request) -> Found:
-    """The mean score of what each trial had acquired after 10, 20 and 30 answers, with tests."""
+    """The mean score of what each trial had acquired after 10, 20, 30 and all answers, with tests.
+
+    Only answers that the method learned from are counted.
+    """
     of_score = mean_scores(session, request.study.id)
     if not of_score:
         return Found((), "The recordings of this study have no scores.")
     plan = request.study.plan
-    groups = [number for number in AFTER_ANSWERS if number <= plan.shown_per_trial]
-    groups = groups or [plan.shown_per_trial]
+    most = plan.learned_per_trial
+    looks = sorted({*(number for number in AFTER_ANSWERS if number < most), most})
     rows: list[Row] = [
         {
             "session_id": at.session,
@@ -77,22 +83,50 @@ def scores_acquired(session: Session, request: Request) -> Found:
             "trial_index": at.trial,
             "condition": at.condition,
             "environment": at.environment,
-            "answers": at.query + 1,
+            "answers": number,
             "candidate": at.candidate,
             "score": of_score[at.environment, at.candidate],
         }
-        for at in holdings(session, request)
-        if at.query + 1 in groups and (at.environment, at.candidate) in of_score
+        for number, at in _looked_at(holdings(session, request), looks)
+        if (at.environment, at.candidate) in of_score
     ]
     if not rows:
-        return Found((), f"No trial has {groups[0]} answers yet.")
+        return Found((), f"No trial has {looks[0]} answers yet.")
     tests, notes = _tests(rows, [condition.name for condition in plan.conditions])
+    last = max(row["answers"] for row in rows)
     means = "; ".join(
         f"{condition} {sum(found) / len(found):.1f} ({len(found)} trials)"
-        for condition, found in _by_condition(rows, max(row["answers"] for row in rows)).items()
+        for condition, found in _by_condition(rows, last).items()
     )
-    says = f"Mean score after {max(row['answers'] for row in rows)} answers: {means}."
+    says = f"Mean score after {last} answers: {means}. {_counted(plan)}"
     return Found(rows, says, notes, {"tests": tests})
+
+
+def _looked_at(held: Iterable[Holding], looks: Sequence[int]) -> Iterator[tuple[int, Holding]]:
+    """What each trial held after so many answers that taught, for each of these numbers.
+
+    A finished trial with fewer is looked at as it ended.
+    """
+    for _, of_trial in groupby(held, key=lambda at: (at.session, at.trial)):
+        by_number = {at.learned: at for at in of_trial}
+        end = by_number[max(by_number)]
+        for number in looks:
+            if number in by_number:
+                yield number, by_number[number]
+            elif end.finished:
+                yield number, end
+
+
+def _counted(plan: Plan) -> str:
+    """Which answers are counted, in a sentence."""
+    if plan.shown_per_trial == plan.queries_per_trial:
+        return "Skips count as answers."
+    if plan.checks.in_model:
+        return "Skips and checks count as answers: the model learns from them."
+    return (
+        "Counted are answers that the method learned from, skips included: checks (repeats and"
+        " attention checks) are not."
+    )
 
 
 def _by_condition(rows: list[Row], number: int) -> dict[str, list[float]]:

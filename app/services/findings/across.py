@@ -34,8 +34,9 @@ FINDINGS: Final[Mapping[str, Finding]] = MappingProxyType(
         ),
         "acquired-scores": Finding(
             "Scores of what was acquired",
-            "Per condition after 10, 20 and 30 answers; a violin is one condition's trials. Stars:"
-            " * p < .05, ** p < .01, two-sample t-tests as in the paper, uncorrected.",
+            "Per condition after 10, 20 and 30 answers that the method learned from, and at the end"
+            " of a trial; a violin is one condition's trials. Stars: * p < .05, ** p < .01,"
+            " two-sample t-tests as in the paper, uncorrected.",
             acquired.scores_acquired,
         ),
         "win-rates": Finding(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from statistics import median
+from typing import Final
 
 from sqlalchemy.orm import Session
 
@@ -14,14 +15,19 @@ from app.study.checks import Kind
 from .found import Found, Row
 from .reading import answers
 
+_POOLED: Final = (
+    "Answers of one person are not independent, so the interval over all of them is rather too"
+    " narrow."
+)
+
 
 def skips(session: Session, request: Request) -> Found:
-    """How often each evaluator skipped, in each trial that offers it."""
+    """How often each evaluator skipped, in each trial that offers it; checks are left out."""
     offered = {c.name for c in request.study.plan.conditions if c.skip is not None}
     counted: dict[tuple[str, ...], list[int]] = {}
     trials: dict[tuple[str, ...], int] = {}
     for answer in answers(session, request):
-        if answer.condition in offered:
+        if answer.condition in offered and not answer.is_check:
             key = (answer.participant, answer.session, answer.condition, str(answer.trial))
             trials[key] = answer.trial
             of_trial = counted.setdefault(key, [0, 0])
@@ -46,11 +52,12 @@ def skips(session: Session, request: Request) -> Found:
         f"{total} of {number} answers were skips ({total / number:.0%});"
         f" {least} to {most} in a trial."
     )
-    return Found(rows, says)
+    return Found(rows, says, _left_out(request))
 
 
 def response_times(session: Session, request: Request) -> Found:
-    """Seconds from both videos having begun to the answer."""
+    """Seconds from both videos having begun to the answer; checks are counted too."""
+    counted = [answer for answer in answers(session, request) if answer.rt_ms is not None]
     rows: list[Row] = [
         {
             "session_id": answer.session,
@@ -60,20 +67,21 @@ def response_times(session: Session, request: Request) -> Found:
             "response": answer.response,
             "rt_ms": answer.rt_ms,
         }
-        for answer in answers(session, request)
-        if answer.rt_ms is not None
+        for answer in counted
     ]
     if not rows:
         return Found((), "No answers with a time yet.")
     middle = median(row["rt_ms"] for row in rows) / 1000
-    return Found(rows, f"The median of {len(rows)} answers is {middle:.1f} s.")
+    says = f"The median of {len(rows)} answers is {middle:.1f} s."
+    checks = {answer.is_check for answer in counted}
+    return Found(rows, f"{says} Answers to checks are among them." if True in checks else says)
 
 
 def sides(session: Session, request: Request) -> Found:
-    """How often each evaluator chose the left of the two, with a 95 % interval."""
+    """How often each evaluator chose the left of the two, with a 95 % interval; without checks."""
     counted: dict[tuple[str, str], list[int]] = {}
     for answer in answers(session, request):
-        if answer.response != "skip":
+        if answer.response != "skip" and not answer.is_check:
             of_session = counted.setdefault((answer.participant, answer.session), [0, 0])
             of_session[0] += answer.response == "left"
             of_session[1] += 1
@@ -101,7 +109,7 @@ def sides(session: Session, request: Request) -> Found:
         f" {whole.high:.0%}]. {beyond} of {len(rows)} sessions leave one half outside their 95 %"
         " interval; chance alone makes that one in twenty."
     )
-    return Found(rows, says)
+    return Found(rows, says, (*_left_out(request), _POOLED))
 
 
 def repeats(session: Session, request: Request) -> Found:
@@ -136,4 +144,10 @@ def repeats(session: Session, request: Request) -> Found:
         f"{whole.part} of {whole.whole} repeats were answered alike: {whole.value:.0%}"
         f" [{whole.low:.0%}, {whole.high:.0%}]."
     )
-    return Found(rows, says)
+    return Found(rows, says, (_POOLED,))
+
+
+def _left_out(request: Request) -> tuple[str, ...]:
+    plan = request.study.plan
+    has_checks = plan.shown_per_trial > plan.queries_per_trial
+    return ("Checks (repeats and attention checks) are left out.",) if has_checks else ()

@@ -98,7 +98,7 @@ def _scores(found: Found, study: StudyInfo) -> Chart:
         rows,
         methods=_conditions(found.rows, study),
         stars=found.extra["tests"],
-        x_title="answers",
+        x_title="answers that the method learned from",
         y_title="mean score of what was acquired",
     )
 

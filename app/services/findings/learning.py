@@ -59,8 +59,8 @@ def path(studio: Studio, session: Session, trial: Trial) -> Found:
     if not rows:
         return Found((), "Nothing is acquired before the first answer.")
     moves = [
-        here["query_index"] + 1
-        for before, here in pairwise(rows)
+        number
+        for number, (before, here) in enumerate(pairwise(rows), start=2)
         if before["candidate"] != here["candidate"]
     ]
     last = f"the last time at answer {moves[-1]}" if moves else "from the first answer on"
@@ -70,6 +70,11 @@ def path(studio: Studio, session: Session, trial: Trial) -> Found:
         if moves
         else f"Candidate {rows[-1]['candidate']} is acquired {last}."
     )
+    shown = len(queries.read_record(session, trial.id))
+    if shown > len(rows):
+        says += (
+            f" Counted are answers that the model learns from: {shown - len(rows)} checks are not."
+        )
     return Found(rows, says)
 
 
@@ -78,15 +83,12 @@ def posterior(studio: Studio, session: Session, trial: Trial) -> Found:
     in_hand = queries.trial_in_hand(trial.session, trial.trial_index, trial.seed)
     space = studio.proposer.space(in_hand.study_id, in_hand.environment)
     record = queries.read_record(session, trial.id)
+    history = learned(in_hand, record)
     belief = studio.proposer.beliefs.after(
-        space.candidates,
-        in_hand.method,
-        in_hand.settings,
-        in_hand.seed,
-        learned(in_hand, record),
+        space.candidates, in_hand.method, in_hand.settings, in_hand.seed, history
     )
     if belief is None:
-        return Found((), f"There is no model to show: {trial.method}, {len(record)} answers.")
+        return Found((), f"There is no model to show: {trial.method}, {len(history)} answers.")
     mean, std = belief
     shown = np.zeros(len(mean), dtype=int)
     for query in record:
@@ -104,7 +106,7 @@ def posterior(studio: Studio, session: Session, trial: Trial) -> Found:
     best = int(np.argmax(mean))
     where = ", ".join(f"{name} {value:g}" for name, value in _point(space, best).items())
     says = (
-        f"After {len(record)} answers the mean is highest at candidate {best} ({where});"
+        f"After {len(history)} answers the mean is highest at candidate {best} ({where});"
         f" {int((shown > 0).sum())} of {len(mean)} candidates were shown."
     )
     return Found(rows, says, extra={"best": best})

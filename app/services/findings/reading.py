@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 from sqlalchemy import Select, select
 from sqlalchemy.orm import Session
 
+from app.services.course import FILLER
 from app.services.export.columns import Request, trials_of
 from app.storage.tables import (
     Acquired,
@@ -17,8 +18,12 @@ from app.storage.tables import (
     SessionRow,
     Trial,
 )
+from app.study.checks import Kind
 
 _BATCH = 1_000
+
+#: Types of pairs that are no queries of the method.
+CHECKS: Final = (Kind.REPEAT.value, Kind.ATTENTION.value, FILLER)
 
 
 class Answer(NamedTuple):
@@ -36,9 +41,18 @@ class Answer(NamedTuple):
     response: str
     rt_ms: float | None
 
+    @property
+    def is_check(self) -> bool:
+        """Whether the pair was no query of the method: a check, or what stood in for one."""
+        return self.trial_type in CHECKS
+
 
 class Holding(NamedTuple):
-    """The acquired candidate after one response."""
+    """The acquired candidate after one response that taught.
+
+    learned: how many responses of the trial had taught by then, this one included. Responses to
+    checks teach nothing and are not in it, unless the plan has the model learn from checks.
+    """
 
     session: str
     participant: str
@@ -48,6 +62,7 @@ class Holding(NamedTuple):
     finished: bool
     query: int
     candidate: int
+    learned: int
 
 
 def answers(session: Session, request: Request) -> Iterator[Answer]:
@@ -77,8 +92,12 @@ def holdings(session: Session, request: Request) -> Iterator[Holding]:
         .join(Acquired, Acquired.trial_id == Trial.id)
         .order_by(Acquired.query_index)
     )
+    trial, learned = None, 0
     for row in session.execute(statement):
-        yield Holding(*row)
+        # Each response that taught has one row, in order.
+        learned = learned + 1 if trial == (row[0], row[2]) else 1
+        trial = row[0], row[2]
+        yield Holding(*row, learned)
 
 
 def _of_trials(request: Request, *columns: Any) -> Select[Any]:

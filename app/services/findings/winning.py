@@ -9,22 +9,19 @@ from sqlalchemy.orm import Session
 
 from app.services.export.columns import Request, points
 from app.statistics.win_rates import win_rates
-from app.study.checks import Kind
 
 from .found import Found, Row
 from .reading import answers
 
 #: Candidates shown in each environment: beyond these hardly any has enough comparisons.
 MOST_COMPARED: Final = 12
-#: Checks are no comparison that the study is about.
-_NOT_COUNTED: Final = (Kind.ATTENTION.value, Kind.REPEAT.value)
 
 
 def rates(session: Session, request: Request) -> Found:
     """Over all people and conditions; the model is fitted to all choices of an environment."""
     games: dict[str, list[tuple[int, int]]] = {}
     for answer in answers(session, request):
-        if answer.response != "skip" and answer.trial_type not in _NOT_COUNTED:
+        if answer.response != "skip" and not answer.is_check:
             pair = (answer.left, answer.right)
             won = pair if answer.response == "left" else pair[::-1]
             games.setdefault(answer.environment, []).append(won)

@@ -51,7 +51,7 @@ def _set_aside(session: Session, request: Request) -> int:
         select(func.count(QueryRow.id))
         .join(Trial, QueryRow.trial_id == Trial.id)
         .join(SessionRow, Trial.session_id == SessionRow.id)
-        .where(QueryRow.set_aside_at.is_not(None), *trials_of(request))
+        .where(QueryRow.set_aside_at.is_not(None), Trial.trial_index >= 0, *trials_of(request))
     )
     return session.scalar(statement) or 0
 
@@ -62,6 +62,6 @@ def _undone(session: Session, request: Request) -> int:
         .join(QueryRow, UndoneResponse.query_id == QueryRow.id)
         .join(Trial, QueryRow.trial_id == Trial.id)
         .join(SessionRow, Trial.session_id == SessionRow.id)
-        .where(*trials_of(request))
+        .where(Trial.trial_index >= 0, *trials_of(request))
     )
     return session.scalar(statement) or 0

@@ -79,7 +79,7 @@ def _engines(session: Session, request: Request) -> Iterator[tuple[str, ...]]:
         select(QueryRow.engine_version, func.count(QueryRow.id))
         .join(Trial, QueryRow.trial_id == Trial.id)
         .join(SessionRow, Trial.session_id == SessionRow.id)
-        .where(QueryRow.set_aside_at.is_(None))
+        .where(QueryRow.set_aside_at.is_(None), Trial.trial_index >= 0)
         .group_by(QueryRow.engine_version)
         .order_by(QueryRow.engine_version),
         request,

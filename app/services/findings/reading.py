@@ -92,12 +92,23 @@ def holdings(session: Session, request: Request) -> Iterator[Holding]:
         .join(Acquired, Acquired.trial_id == Trial.id)
         .order_by(Acquired.query_index)
     )
-    trial, learned = None, 0
+    trial, learned = ("", -1), 0
     for row in session.execute(statement):
         # Each response that taught has one row, in order.
-        learned = learned + 1 if trial == (row[0], row[2]) else 1
-        trial = row[0], row[2]
-        yield Holding(*row, learned)
+        session_id, participant, index, condition, environment, finished, query, candidate = row
+        learned = learned + 1 if trial == (session_id, index) else 1
+        trial = session_id, index
+        yield Holding(
+            session_id,
+            participant,
+            index,
+            condition,
+            environment,
+            finished,
+            query,
+            candidate,
+            learned,
+        )
 
 
 def _of_trials(request: Request, *columns: Any) -> Select[Any]:

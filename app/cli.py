@@ -29,6 +29,7 @@ from app.services.errors import ServiceError
 from app.study.faults import StudyFaults
 from app.study.folder import UnknownStudyError
 from app.study.scaffold import FolderNotEmptyError
+from app.study.shortening import shortened
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -84,14 +85,14 @@ def main() -> None:
     except StudyFaults as error:
         fail(str(error))
     except (ServiceError, FolderNotEmptyError, UnknownStudyError) as error:
-        fail(f"pbpo: {error}")
+        fail(f"pbpo: {shortened(str(error))}")
     except (FileExistsError, IsADirectoryError, NotADirectoryError, PermissionError) as error:
         fail(f"pbpo: {error}")
     except OperationalError as error:
         # What the database said, in one line: neither its address nor its password is repeated.
         fail(f"pbpo: the database cannot be used: {' '.join(str(error.orig).split())}")
     except TyperException as error:
-        fail(f"pbpo: {error.format_message()} (pbpo --help shows what there is)")
+        fail(f"pbpo: {shortened(error.format_message())} (pbpo --help shows what there is)")
     except Exit as error:
         sys.exit(error.exit_code)
     except (Abort, KeyboardInterrupt):

@@ -16,8 +16,12 @@ from collections.abc import Iterable
 from pathlib import Path, PurePosixPath
 from typing import IO
 
+from app.study.shortening import shortened
+
 from .errors import ServiceError
 
+#: How many faults a refusal names; it counts the others.
+MOST_FAULTS_TOLD = 20
 #: A study of more files than this is a slip, or meant to fill the disk with names.
 MOST_FILES = 20_000
 #: A longer path does not fit every file system.
@@ -36,7 +40,10 @@ class UploadRefusedError(ServiceError):
     """What was sent cannot be taken; `faults` says why, one sentence each."""
 
     def __init__(self, faults: Iterable[str]) -> None:
-        self.faults = tuple(faults)
+        every = [shortened(fault) for fault in faults]
+        more = len(every) - MOST_FAULTS_TOLD
+        told = [f"And {more:,} more faults of this kind."] if more > 0 else []
+        self.faults = (*every[:MOST_FAULTS_TOLD], *told)
         super().__init__(" ".join(self.faults))
 
 

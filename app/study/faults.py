@@ -2,7 +2,9 @@
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+
+from .shortening import shortened
 
 _TOLD = re.compile(
     r"(?:(?P<place>[^:]*[^:\s]): )?(?P<before>.*?)expected (?P<expected>.*?)"
@@ -50,7 +52,8 @@ class StudyFaults(Exception):  # noqa: N818 - it is its faults, one or more
     """A study folder that cannot be used; its text has one line per fault."""
 
     def __init__(self, faults: Sequence[Fault]) -> None:
-        self.faults = tuple(faults)
+        # A file can hold one value of a million characters: a fault repeats the beginning of it.
+        self.faults = tuple(replace(fault, message=shortened(fault.message)) for fault in faults)
         super().__init__("\n".join(str(fault) for fault in self.faults))
 
 

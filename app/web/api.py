@@ -16,6 +16,7 @@ from app.study.stages import Device
 
 from .bearers import EXPERIMENTER, SESSION, short_id
 from .in_line import at_once, at_once_to_look, in_line
+from .json_bodies import ParsedApart
 from .problems import refusals
 from .schemas import (
     Answers,
@@ -40,7 +41,10 @@ router = APIRouter(prefix="/api/v1", tags=["session"], generate_unique_id_functi
 STATE: Any = {"response_model": SessionState, "response_model_exclude_unset": True}
 #: The calls of a session, with its token.
 of_session = APIRouter(
-    prefix="/session", dependencies=[Depends(SESSION)], generate_unique_id_function=short_id
+    prefix="/session",
+    dependencies=[Depends(SESSION)],
+    generate_unique_id_function=short_id,
+    route_class=ParsedApart,
 )
 
 

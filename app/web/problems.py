@@ -19,8 +19,10 @@ from app.services.studio import Studio
 from app.storage.clashes import is_clash
 from app.storage.commits import CommitLostError
 from app.study import protocol
+from app.study.shortening import shortened
 
 from . import languages
+from .refusal_size import bounded, sentence
 from .schemas import Problem
 from .templating import DEFAULTS, page
 from .words import spoken, translatable, translated
@@ -109,10 +111,10 @@ def kind_of(error: Exception) -> Kind:
 def problem(kind: Kind, detail: str, **extra: Any) -> JSONResponse:
     body = {
         "type": f"{TYPE_PREFIX}{kind.name}",
-        "title": kind.title,
+        "title": shortened(kind.title),
         "status": kind.status,
-        "detail": detail,
-        **extra,
+        "detail": _short(detail),
+        **bounded(extra),
     }
     headers = {"WWW-Authenticate": "Bearer"} if kind.status == 401 else None
     return JSONResponse(body, kind.status, headers, media_type=MEDIA_TYPE)
@@ -133,6 +135,11 @@ _MEANINGS = {
 }
 #: What any call may come to, and any that takes a body besides.
 _ALWAYS, _WITH_BODY = (422, 503), (400, 403, 413)
+
+
+def _short(detail: str) -> str:
+    """The detail as it can be sent: short, and without half of a surrogate pair."""
+    return shortened(detail).encode("utf-8", "replace").decode()
 
 
 def refusals(*statuses: int, body: bool = False) -> dict[int | str, dict[str, Any]]:
@@ -179,7 +186,7 @@ def _answer(request: Request, kind: Kind, detail: str, **extra: Any) -> Response
         {
             "status": kind.status,
             "title": title,
-            "detail": detail,
+            "detail": _short(detail),
             "page_title": title,
             "language": language,
         },
@@ -227,7 +234,8 @@ async def _invalid(request: Request, error: Exception) -> Response:
         }
         for fault in error.errors()
     ]
-    detail = "; ".join(f"{fault['pointer']}: {fault['detail']}" for fault in faults)
+    told = (bounded(fault) for fault in faults)
+    detail = sentence(f"{fault['pointer']}: {fault['detail']}" for fault in told)
     return _answer(request, Kind(422, "invalid", "Not understood"), detail, errors=faults)
 
 

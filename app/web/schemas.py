@@ -2,9 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Final, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, StringConstraints
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    StringConstraints,
+    model_validator,
+)
+from pydantic_core import PydanticCustomError
 
 #: No text has a NUL: PostgreSQL holds none, and every database takes the same.
 Plain = Annotated[str, StringConstraints(pattern=r"^[^\x00]*$")]
@@ -21,15 +29,38 @@ def _whole(value: object) -> object:
 Whole = BeforeValidator(_whole)
 
 
+#: More keys than any object of the API has: they are counted before each of them is a fault.
+MOST_KEYS: Final = 100
+
+
+def _few(value: object, most: int) -> object:
+    if isinstance(value, dict | list) and len(value) > most:
+        entries = {"most": f"{most:,}", "came": f"{len(value):,}"}
+        raise PydanticCustomError(
+            "too_long", "Expected at most {most} entries, got {came}", entries
+        )
+    return value
+
+
+def at_most(most: int) -> BeforeValidator:
+    """Counts the entries of a list or an object before any of them is looked at."""
+    return BeforeValidator(lambda value: _few(value, most))
+
+
 class _In(BaseModel):
     # As described: a number is no text, and false is no number.
     model_config = ConfigDict(extra="forbid", strict=True)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _has_few_keys(cls, value: object) -> object:
+        return _few(value, MOST_KEYS)
 
 
 class StartSession(_In):
     """How a session begins."""
 
-    external_ids: dict[Key, ExternalId] = Field(
+    external_ids: Annotated[dict[Key, ExternalId], at_most(20)] = Field(
         default_factory=dict,
         max_length=20,
         description="What a platform calls the participant: the parameters of the platform that"
@@ -69,7 +100,7 @@ class Watched(_In):
 class Answers(_In):
     """Answers to the open questionnaire, by the names of its items."""
 
-    answers: dict[Key, Plain | int | float | None] = Field(max_length=100)
+    answers: Annotated[dict[Key, Plain | int | float | None], at_most(100)] = Field(max_length=100)
 
 
 class Happened(_In):
@@ -83,6 +114,35 @@ class Happened(_In):
     @property
     def text(self) -> str | None:
         return None if self.value is None else str(self.value)[:200]
+
+
+#: What is looked at of the events of one call: the first ones, and the last, which tell how much
+#: was watched. The others are counted.
+FIRST_EVENTS: Final = 40
+LAST_EVENTS: Final = 20
+_LEFT_OUT = "events_left_out"
+_EVENTS = (
+    f"What was seen. Of more than {FIRST_EVENTS + LAST_EVENTS}, the first {FIRST_EVENTS} and the"
+    f" last {LAST_EVENTS} are kept, and the others counted."
+)
+
+
+def _few_events(value: object) -> object:
+    """A body with the events that are looked at, and the number of those left out."""
+    if not isinstance(value, dict) or not isinstance(value.get("events"), list):
+        return value
+    events, said = value["events"], value.get(_LEFT_OUT, 0)
+    more = len(events) - FIRST_EVENTS - LAST_EVENTS
+    if more <= 0 or not isinstance(said, int):
+        return value
+    kept = [*events[:FIRST_EVENTS], *events[-LAST_EVENTS:]]
+    return {**value, "events": kept, _LEFT_OUT: said + more}
+
+
+#: How a page says that more happened than it sends. An answer is taken however much it was.
+LeftOut = Annotated[
+    int, Field(ge=0, le=1_000_000, description="Events that were seen and are not sent."), Whole
+]
 
 
 class Respond(BaseModel):
@@ -101,7 +161,10 @@ class Respond(BaseModel):
     )
     replays: Annotated[int, Field(ge=0, le=100_000), Whole] | None = None
     skip_reason: Plain | None = Field(None, max_length=60)
-    events: list[Happened] = Field(default_factory=list, max_length=1_000)
+    events: list[Happened] = Field(default_factory=list, description=_EVENTS)
+    events_left_out: LeftOut = 0
+
+    _bounded = model_validator(mode="before")(_few_events)
 
 
 class Leave(_In):
@@ -127,7 +190,10 @@ class ReportFault(_In):
 
     query_id: Plain = Field(min_length=1, max_length=64)
     reason: Plain = Field("", max_length=200, description="What was seen of the fault.")
-    events: list[Happened] = Field(default_factory=list, max_length=1_000)
+    events: list[Happened] = Field(default_factory=list, description=_EVENTS)
+    events_left_out: LeftOut = 0
+
+    _bounded = model_validator(mode="before")(_few_events)
 
 
 class Problem(BaseModel):

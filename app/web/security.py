@@ -135,6 +135,17 @@ def _found(
         return None
 
 
+def is_signed_in(request: Request) -> bool:
+    """Whether a browser's sign-in or an API token came that is in force."""
+    token = bearer(request.headers.get("authorization"))
+    cookie = request.cookies.get(SIGN_IN_COOKIE)
+    if token is not None:
+        return _found(accounts.by_api_token, studio_of(request), token) is not None
+    return (
+        cookie is not None and _found(accounts.by_sign_in, studio_of(request), cookie) is not None
+    )
+
+
 async def experimenter(
     found: Annotated[Experimenter | None, Depends(optional_experimenter)],
 ) -> Experimenter:
@@ -217,25 +228,27 @@ class Guard:
 
         site = Headers(scope=scope).get("sec-fetch-site", "same-origin")
         if scope["method"] not in _SAFE_METHODS and site not in _OWN_SITES:
-            refusal = _turned_away(scope["path"], 403, "This request came from another site.")
+            refusal = turned_away(scope["path"], 403, "This request came from another site.")
             await refusal(scope, receive, send_with_headers)
             return
 
         if "\0" in scope["path"]:
             # No name of ours holds one, and PostgreSQL cannot even be asked for it.
-            nothing = _turned_away(scope["path"], 404, "There is nothing at this address.")
+            nothing = turned_away(scope["path"], 404, "There is nothing at this address.")
             await nothing(scope, receive, send_with_headers)
             return
 
         await self._app(scope, receive, send_with_headers)
 
 
-def _turned_away(path: str, status: int, detail: str) -> Response:
+def turned_away(path: str, status: int, detail: str) -> Response:
     """At the door: a problem for programs, as from within, and a plain sentence for people."""
     if path.startswith("/api/"):
         kinds = {
             403: Kind(403, "forbidden", "Not allowed"),
             404: Kind(404, "not-found", "Not found"),
+            414: Kind(414, "address-too-long", "The address is too long"),
+            431: Kind(431, "headers-too-long", "The headers are too long"),
         }
         return problem(kinds[status], detail)
     return Response(detail, status, media_type="text/plain")

@@ -29,8 +29,9 @@ def _whole(value: object) -> object:
 Whole = BeforeValidator(_whole)
 
 
-#: More keys than any object of the API has: they are counted before each of them is a fault.
-MOST_KEYS: Final = 100
+#: Keys that are named in a refusal where an object has none such. More are counted before each of
+#: them becomes a fault.
+MOST_UNKNOWN: Final = 20
 
 
 def _few(value: object, most: int) -> object:
@@ -54,7 +55,7 @@ class _In(BaseModel):
     @model_validator(mode="before")
     @classmethod
     def _has_few_keys(cls, value: object) -> object:
-        return _few(value, MOST_KEYS)
+        return _few(value, len(cls.model_fields) + MOST_UNKNOWN)
 
 
 class StartSession(_In):

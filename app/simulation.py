@@ -7,6 +7,7 @@ from collections.abc import Callable, Hashable, Mapping
 from concurrent.futures import Future
 from dataclasses import dataclass
 from datetime import datetime, timedelta
+from pathlib import PurePosixPath
 from typing import Any, TypeVar
 
 import httpx
@@ -20,7 +21,6 @@ from app.services import studies
 from app.services.accounts import Experimenter, Role
 from app.services.errors import ConflictError
 from app.services.in_process import InProcess
-from app.services.query_state import video_url
 from app.services.settings import Settings
 from app.services.studio import Studio, open_studio, utc_now
 from app.services.work import Report
@@ -163,10 +163,16 @@ async def _run(
     eta: float | None,
     report: Report,
 ) -> Simulated:
-    scores = scores_by_url(studio, slug)
+    scores = _scores(studio, slug)
     values = np.array(list(scores.values()))
     skip_below = float(values.mean())
     eta = ETA_PER_SPREAD / max(float(values.std()), 1e-12) if eta is None else eta
+
+    def score_of(url: str) -> float:
+        shown = studio.addresses.opened(PurePosixPath(url).stem)
+        assert shown is not None  # the session was just given it
+        return scores[shown.recording_id]
+
     application = create_app(studio=studio)
     application.dependency_overrides[optional_experimenter] = lambda: SIMULATOR
     transport = httpx.ASGITransport(application)
@@ -179,23 +185,23 @@ async def _run(
                 Certain(skip_below) if kind == "certain" else Uncertain(rng, skip_below, eta)
             )
             state = await walk(
-                client, slug, evaluator, scores, mode="simulated", api_token="", wait=clock.wait
+                client, slug, evaluator, score_of, mode="simulated", api_token="", wait=clock.wait
             )
             completed += state["stage"] == "completed"
             report(index + 1, indices.stop)
     return Simulated(completed, skip_below, eta if kind == "uncertain" else None)
 
 
-def scores_by_url(studio: Studio, slug: str) -> dict[str, float]:
-    """Score of each recording of a study by its address. Raises ConflictError if one has none."""
+def _scores(studio: Studio, slug: str) -> dict[int, float]:
+    """Score of each recording of a study by its key. Raises ConflictError if one has none."""
     study = studies.find(studio, slug)
     with studio.database.read() as session:
         rows = session.execute(
-            select(Recording.public_id, Recording.score)
+            select(Recording.id, Recording.score)
             .join(Candidate, Recording.candidate_id == Candidate.id)
             .where(Candidate.study_id == study.id)
         ).all()
-    scores = {video_url(public_id): score for public_id, score in rows if score is not None}
+    scores = {recording_id: score for recording_id, score in rows if score is not None}
     if len(scores) < len(rows):
         raise ConflictError(
             "expected a score for every recording, since simulated evaluators answer from them"

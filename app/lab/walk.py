@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import Awaitable, Callable
 from typing import Any
 
 import httpx
@@ -19,7 +19,7 @@ async def walk(
     client: httpx.AsyncClient,
     slug: str,
     evaluator: Evaluator,
-    scores: Mapping[str, float],
+    score_of: Callable[[str], float],
     *,
     mode: str,
     api_token: str,
@@ -28,7 +28,7 @@ async def walk(
 ) -> State:
     """From arrival to completion; the state in the end.
 
-    scores: g of a recording by its address. wait: lets that many seconds pass. Raises
+    score_of: g of a recording, of its address. wait: lets that many seconds pass. Raises
     httpx.HTTPStatusError for any answer that is not a success.
     """
     started = await _call(
@@ -42,7 +42,7 @@ async def walk(
                 path = "consent"
             case "query" | "practice":
                 query = state["query"]
-                left, right = scores[query["left"]["url"]], scores[query["right"]["url"]]
+                left, right = (score_of(query[side]["url"]) for side in ("left", "right"))
                 response = evaluator.respond(left, right, may_skip=query["skip"] is not None)
                 body = {"query_id": query["id"], "response": response, "rt_ms": RT_MS}
                 path = "responses"

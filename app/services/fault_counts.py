@@ -60,6 +60,7 @@ class Where:
     slug: str | None = None
     session_hash: str | None = None
     recording: str | None = None
+    session_id: int | None = None
 
     @classmethod
     def of(cls, slug: str | None, token: str | None, recording: str | None) -> Where | None:
@@ -173,6 +174,8 @@ def _study_id(session: Session, where: Where) -> int | None:
                 (SessionRow.token_hash == where.session_hash) | SessionRow.id.in_(came_back)
             )
         )
+    if where.session_id is not None:
+        return session.scalar(select(SessionRow.study_id).where(SessionRow.id == where.session_id))
     return session.scalar(
         select(Candidate.study_id)
         .join(Recording, Recording.candidate_id == Candidate.id)

@@ -50,6 +50,11 @@ def watched(row: SessionRow) -> list[int]:
     return sorted(place - first for place in row.watched if first <= place < first + size)
 
 
+def first_place(row: SessionRow) -> int:
+    """The place of this playlist's first video among those of all the session's playlists."""
+    return _places(row)[0]
+
+
 def mark_watched(row: SessionRow, index: int) -> None:
     """Keep that the video at this place was watched to the end. Raises NotFoundError."""
     first, size = _places(row)

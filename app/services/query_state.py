@@ -14,10 +14,12 @@ from app.study.stages import PRACTICE_INDEX
 
 from . import practice, queries, undo_offer
 from .course import check_at, kind_at, learned, teaches
-from .proposals import NextQuery, TrialInHand
+from .proposals import Clip, NextQuery, TrialInHand
 from .queries import Standing
+from .recordings import video_url
 from .studies import stored_plan
 from .studio import Studio
+from .video_addresses import Place
 
 
 def describe(
@@ -34,14 +36,15 @@ def describe(
     query = trial.asked
     space = studio.proposer.space(row.study_id, trial.environment)
     condition = plan.conditions[row.trial_conditions[row.trial_index]]
-    coming = _coming(studio, row, trial)
+    place = (trial_index, query.query_index)
+    coming, then = _coming(studio, row, trial), _place_after(row, trial)
     clips = [clip for following in coming for clip in (following.left, following.right)]
     state: dict[str, Any] = {
         "id": trial.public_id,
-        "left": video(space.clip(query.left, query.left_recording)),
-        "right": video(space.clip(query.right, query.right_recording)),
+        "left": video(studio, row, space.clip(query.left, query.left_recording), place),
+        "right": video(studio, row, space.clip(query.right, query.right_recording), place),
         "skip": skip_of(plan, condition, row.language),
-        "prefetch": list(dict.fromkeys(video_url(clip.public_id) for clip in clips)),
+        "prefetch": list(dict.fromkeys(_address(studio, row, clip, then) for clip in clips)),
     }
     if practising:
         state["practice"] = True
@@ -63,12 +66,13 @@ def _undo(
     return {"query_id": offer.query.public_id, "seconds_left": seconds_left}
 
 
-def video_url(public_id: str) -> str:
-    return f"/media/{public_id}.mp4"
+def video(studio: Studio, row: SessionRow, clip: Clip, place: Place) -> dict[str, Any]:
+    """A recording as the session's browser knows it, at one place."""
+    return {"url": _address(studio, row, clip, place), "duration_s": clip.duration_s}
 
 
-def video(recording: Any) -> dict[str, Any]:
-    return {"url": video_url(recording.public_id), "duration_s": recording.duration_s}
+def _address(studio: Studio, row: SessionRow, clip: Clip, place: Place) -> str:
+    return video_url(studio.addresses.of(row, clip.id, place))
 
 
 def skip_of(plan: Plan, condition: Condition, language: str) -> dict[str, Any] | None:
@@ -107,6 +111,14 @@ def _coming(studio: Studio, row: SessionRow, trial: Standing) -> list[NextQuery]
     check = check_at(space, in_hand, record, query.query_index + 1)
     studio.proposer.render([check.left, check.right])
     return [check]
+
+
+def _place_after(row: SessionRow, trial: Standing) -> Place:
+    """Where what follows the open query will be shown."""
+    is_last = row.query_index + 1 >= stored_plan(row.plan).practice.queries
+    if trial.trial_index == PRACTICE_INDEX and is_last:
+        return (0, 0)
+    return (trial.trial_index, trial.asked.query_index + 1)
 
 
 def _after_practice(studio: Studio, row: SessionRow, in_hand: TrialInHand) -> NextQuery:

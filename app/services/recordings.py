@@ -21,13 +21,15 @@ from sqlalchemy import select
 from app.crane import library
 from app.storage import patience
 from app.storage.database import Database
-from app.storage.tables import Recording
+from app.storage.tables import Candidate, Recording, SessionRow
 
 from .background import Background
 from .errors import NotFoundError, StoreAwayError
 from .settings import Settings
+from .stores.memory import Memory
 from .stores.opening import open_stores
 from .stores.store import Errand, Link, Store
+from .video_addresses import Shown, is_of_session
 
 log = logging.getLogger(__name__)
 
@@ -36,6 +38,9 @@ CRANE = "crane"
 
 #: How many recordings' sources are remembered: a video is asked for in several ranges.
 _KNOWN_SOURCES = 20_000
+
+#: For how long it is remembered what a session was shown, in seconds.
+_SHOWN_S = 60.0
 
 #: Videos that are put into a store at the same time.
 _AT_ONCE = 8
@@ -69,6 +74,7 @@ class Recordings:
         self._settings = settings
         self._stores = open_stores(settings)
         self._find = lru_cache(_KNOWN_SOURCES)(self._find_uncached)
+        self._shown: Memory[Shown, Source] = Memory()
 
     @property
     def origin(self) -> str | None:
@@ -78,6 +84,31 @@ class Recordings:
     def find(self, public_id: str) -> Source:
         """The source of the recording that a browser knows as `public_id`, or NotFoundError."""
         return self._find(public_id)
+
+    def of_session(self, shown: Shown) -> Source:
+        """The source of what a session is shown. Raises NotFoundError once the session is deleted.
+
+        What was found is remembered for a minute: for so long, addresses of a session that another
+        process has deleted go on.
+        """
+        if (held := self._shown.find(shown)) is not None:
+            return held[0]
+        with self._database.read() as session:
+            row = session.execute(
+                select(Recording.source, Recording.locator, SessionRow.seed)
+                .join(Candidate, Recording.candidate_id == Candidate.id)
+                .join(SessionRow, SessionRow.study_id == Candidate.study_id)
+                .where(Recording.id == shown.recording_id, SessionRow.id == shown.session_id)
+            ).one_or_none()
+        if row is None or not is_of_session(shown, row.seed):
+            raise NotFoundError("there is no such recording")
+        found = FoundSource(row.source, row.locator)
+        self._shown.keep(shown, found, _SHOWN_S)
+        return found
+
+    def forget_shown(self) -> None:
+        """Look again which sessions there are: some were deleted."""
+        self._shown.clear()
 
     def can_be_had(self, source: Source) -> bool:
         """Whether there is a file, or one can be made, as far as is known. Asks no network."""
@@ -157,6 +188,7 @@ class Recordings:
     def throw_away(self, locators: Iterable[str]) -> None:
         """Delete videos of studies' own that no study has any more."""
         self._find.cache_clear()
+        self._shown.clear()
         left = []
         for locator in locators:
             try:
@@ -229,6 +261,11 @@ def make_video(settings: Settings, locator: str) -> Path:
 def keep_rendered(settings: Settings, folder: Path) -> None:
     """Put the rendered videos of a folder where the settings keep such videos."""
     _put_all(_stores(settings).rendered, {video.name: video for video in folder.glob("*.mp4")})
+
+
+def video_url(name: str) -> str:
+    """The address of a recording: by its public id, or by a name that one session knows it as."""
+    return f"/media/{name}.mp4"
 
 
 def file_locator(file: str, sha256: str) -> str:

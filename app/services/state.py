@@ -29,6 +29,7 @@ from . import consents, playlist, query_state, recruitment
 from .queries import Standing
 from .studies import plan_of, stored_plan, stored_texts
 from .studio import Studio
+from .video_addresses import DEVICE_CHECK, FAMILIARISATION
 
 State = dict[str, Any]
 
@@ -69,7 +70,12 @@ def describe(
             state["instructions"] = {"html": rendered(written["instructions"])}
         case Stage.FAMILIARISATION:
             state["familiarisation"] = {
-                "videos": [query_state.video(clip) for clip in playlist.clips(studio, row)],
+                "videos": [
+                    query_state.video(studio, row, clip, (FAMILIARISATION, place))
+                    for place, clip in enumerate(
+                        playlist.clips(studio, row), playlist.first_place(row)
+                    )
+                ],
                 "required": plan.familiarisation.required,
                 "watched": playlist.watched(row),
                 "speeds": list(plan.familiarisation.speeds),
@@ -137,7 +143,9 @@ def _device_check(studio: Studio, row: SessionRow, plan: Plan) -> dict[str, Any]
     check = plan.device_check
     assert check is not None
     return {
-        "clip": query_state.video(playlist.test_clips(studio, row)[0]),
+        "clip": query_state.video(
+            studio, row, playlist.test_clips(studio, row)[0], (DEVICE_CHECK, 0)
+        ),
         "test_clip": check.test_clip,
         "min_width_px": check.min_width_px,
         "min_mbit_s": check.min_mbit_s,

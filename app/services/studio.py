@@ -27,6 +27,7 @@ from .recordings import Recordings
 from .server_secret import ServerSecret
 from .settings import Settings
 from .tokens import new_seed
+from .video_addresses import VideoAddresses
 from .work import Work
 
 
@@ -48,6 +49,8 @@ class Studio:
     ledger: Ledger
     #: What keys of the server's own are derived from.
     secret: ServerSecret
+    #: What a session knows a recording as.
+    addresses: VideoAddresses
     now: Callable[[], datetime] = field(default=utc_now)
     seed: Callable[[], int] = field(default=new_seed)
     #: What failed while people took part, until it is written.
@@ -110,6 +113,7 @@ def open_studio(
         measurements=measurements,
         ledger=Ledger(settings.ledger_path),
         secret=secret,
+        addresses=VideoAddresses(secret),
         now=now,
         seed=seed,
         works={

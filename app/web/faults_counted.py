@@ -74,6 +74,9 @@ def _kind(path: str, status: int) -> Kind | None:
 def _where(scope: Scope) -> Where | None:
     named: dict[str, Any] = scope.get("path_params", {})
     headers = Headers(scope=scope)
+    studio: Studio = scope["app"].state.studio
+    if shown := studio.addresses.opened(named.get("public_id", "")):
+        return Where(session_id=shown.session_id)
     return Where.of(
         named.get("slug") or headers.get(_STUDY_HEADER),
         bearer(headers.get("authorization")),

@@ -86,13 +86,21 @@ async def _until_made(made: Future[Any]) -> None:
 
 def _begun(studio: Studio, public_id: str, request: Request) -> Response | _Coming:
     """The answer if the video is there, or the browser has it; else it is begun."""
-    source = studio.recordings.find(public_id)
+    source = _source(studio, public_id)
     if request.headers.get("if-none-match") == _etag(public_id):
         headers = {"ETag": _etag(public_id), "Cache-Control": KEPT}
         return Response(status_code=304, headers=headers)
     made = studio.recordings.ensure(source)
     is_there = made.done() and made.exception() is None
     return _answer(studio, public_id, source, request) if is_there else _Coming(source, made)
+
+
+def _source(studio: Studio, name: str) -> Source:
+    """Of a name that a session knows, or of a public id, which experimenters' pages show."""
+    shown = studio.addresses.opened(name)
+    if shown is None:
+        return studio.recordings.find(name)
+    return studio.recordings.of_session(shown)
 
 
 def _answer(studio: Studio, public_id: str, source: Source, request: Request) -> Response:

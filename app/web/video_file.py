@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -54,6 +55,13 @@ class _InPieces(FileResponse):
 
     # Each piece is read by another thread, which is waited for.
     chunk_size = PIECE
+
+    def set_stat_headers(self, stat_result: os.stat_result) -> None:
+        """The length alone. When a file was written tells in which order candidates were made."""
+        self.headers.setdefault("content-length", str(stat_result.st_size))
+
+    def _should_use_range(self, http_if_range: str) -> bool:
+        return http_if_range == self.headers["etag"]
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         head: list[Message] = []

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from pathlib import PurePosixPath
 
 import pytest
 
@@ -116,7 +117,9 @@ def test_each_block_shows_videos_of_its_own_environment_and_asks_for_them_anew(
         assert session.state["stage"] == "familiarisation"
         assert session.state["progress"]["trial"] == trial - 1
         assert session.state["familiarisation"]["watched"] == []
-        shown.append({video["url"] for video in session.state["familiarisation"]["videos"]})
+        urls = [video["url"] for video in session.state["familiarisation"]["videos"]]
+        opened = [studio.addresses.opened(PurePosixPath(url).stem) for url in urls]
+        shown.append({video.recording_id for video in opened if video is not None})
         assert session.go_on().status_code == 409
         session.call("watched", {"index": 3})
         assert session.look()["familiarisation"]["watched"] == [3]
@@ -124,14 +127,14 @@ def test_each_block_shows_videos_of_its_own_environment_and_asks_for_them_anew(
         session.respond("left")
     assert session.state["stage"] == "debrief"
 
-    urls = {
+    own = {
         environment: {
-            f"/media/{clip.public_id}.mp4"
-            for clip in studio.proposer.space(study_in_blocks.id, environment).all_clips
+            clip.id for clip in studio.proposer.space(study_in_blocks.id, environment).all_clips
         }
         for environment in ("env1", "env2")
     }
     queries = client.table("queries", api_token)
     for environment, videos in zip(queries["environment"], shown, strict=True):
-        assert videos <= urls[environment]
+        assert videos
+        assert videos <= own[environment]
     assert set(queries["environment"]) == {"env1", "env2"}

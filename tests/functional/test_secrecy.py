@@ -35,9 +35,9 @@ TELLING = re.compile(
     r"env1|env2|\bw0\b|\bw1\b|score|candidate|recording|seed|\bcrane\b|posterior|method|condition",
     re.IGNORECASE,
 )
-OPAQUE = re.compile(r"/media/[A-Za-z0-9]{22}\.mp4")
+OPAQUE = re.compile(r"/media/[A-Za-z0-9_-]{46}\.mp4")
 #: Drawn by chance: now and then such a name spells a word.
-NAMES = re.compile(r"\b[A-Za-z0-9]{22}\b")
+NAMES = re.compile(r"/media/[A-Za-z0-9_-]{46}\.mp4|\b[A-Za-z0-9]{22}\b")
 
 
 def telling(text: str) -> list[str]:

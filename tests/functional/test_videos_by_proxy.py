@@ -112,6 +112,10 @@ def test_the_proxy_sends_each_video_as_the_server_would(
         whole = browser.get(f"{proxy.url}/media/{video}.mp4")
         assert (whole.status_code, whole.content) == (200, file.read_bytes())
         assert TO_PROXY not in whole.headers
+        part = browser.get(f"{proxy.url}/media/{video}.mp4", headers={"Range": "bytes=1-9"})
+        assert part.status_code == 206
+        for answer in (said, whole.headers, part.headers):
+            assert "last-modified" not in answer
         assert whole.headers["accept-ranges"] == "bytes"
         assert whole.headers["etag"] == f'"{video}"'
         assert whole.headers["cache-control"] == KEPT

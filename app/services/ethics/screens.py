@@ -147,8 +147,8 @@ def _described(studio: Studio, session: Session, row: SessionRow, plan: Plan) ->
         "language": row.language,
         "query": {
             "id": "",
-            "left": query_state.video(clips[0]),
-            "right": query_state.video(clips[-1]),
+            "left": query_state.video(studio, row, clips[0], (0, 0)),
+            "right": query_state.video(studio, row, clips[-1], (0, 0)),
             "skip": query_state.skip_of(plan, condition, row.language),
             "prefetch": [],
         },

@@ -37,6 +37,10 @@ class Memory(Generic[K, V]):
         left = held[1] - time.monotonic()
         return (held[0], left) if left > 0 else None
 
+    def clear(self) -> None:
+        with self._lock:
+            self._held.clear()
+
     def forget(self, key: K) -> None:
         with self._lock:
             self._held.pop(key, None)

@@ -15,7 +15,7 @@ from sqlalchemy.orm import Session, joinedload, selectinload
 from app.services.errors import NotFoundError
 from app.services.export.playback import summary
 from app.services.proposals import Clip, Space
-from app.services.query_state import video_url
+from app.services.recordings import video_url
 from app.services.studies import StudyInfo
 from app.services.studio import Studio
 from app.storage.tables import (

@@ -24,6 +24,7 @@ from app.web import (
     desk,
     draft_pages,
     draft_settings_pages,
+    entrances,
     ethics_pages,
     exports,
     faults_counted,
@@ -136,6 +137,10 @@ def create_app(
         story_pages,
     ):
         app.include_router(module.router)
+    # The pages of evaluators again, for sessions that do not count.
+    for prefix in entrances.PREFIXES.values():
+        for pages in (participant_pages, stage_pages, leaving_pages, privacy_pages):
+            app.include_router(pages.router, prefix=prefix)
     return app
 
 

@@ -40,6 +40,7 @@ from .errors import (
     UndeclaredIdentifierError,
 )
 from .fault_counts import Kind, Where
+from .modes import LIVE, PREVIEW, SIMULATED
 from .state import State
 from .studio import Studio
 from .tokens import (
@@ -51,10 +52,6 @@ from .tokens import (
     receipt_hash,
     secret_hash,
 )
-
-LIVE = "live"
-PREVIEW = "preview"
-SIMULATED = "simulated"
 
 
 @dataclass(frozen=True)
@@ -84,20 +81,23 @@ def entrance(
     *,
     entry: str | None = None,
     ids: Mapping[str, str] = MappingProxyType({}),
+    mode: str = LIVE,
 ) -> Entrance:
-    """The open study's consent. Raises NotFoundError, StudyNotOpenError, StudyFullError,
+    """The study's consent. Raises NotFoundError, StudyNotOpenError, StudyFullError,
     TooManyBegunError or EntryLinkError.
 
     entry: the token of a link that lets one person in, where the study wants one. ids: what the
-    link says of the person.
+    link says of the person. mode: of the session that is to begin; whether the caller may begin it
+    has been asked before.
     """
     study = studies.find(studio, slug)
     failures.remember(slug, study.plan)
-    _require_open(study, LIVE)
+    _require_open(study, mode)
     with studio.database.read() as session:
-        _require_no_crowd(studio, session, study, ids)
-        places.require(session, study, LIVE, studio.now())
-        entry_links.require_unused(session, study, entry)
+        _require_no_crowd(studio, session, study, mode, ids)
+        if mode == LIVE:
+            places.require(session, study, LIVE, studio.now())
+            entry_links.require_unused(session, study, entry)
     language = _language(study.plan, language)
     welcome = study.texts[language].get(WELCOME)
     return Entrance(
@@ -141,8 +141,11 @@ def start(
     Raises AlreadyTakenPartError where the study does not let a person in twice, EntryLinkError
     where it wants a link for each person and this one lets nobody in, and TooManyBegunError.
     """
-    if mode == SIMULATED and not by_experimenter:
-        raise ForbiddenError("only an experimenter may start a simulated session")
+    if mode in (PREVIEW, SIMULATED) and not by_experimenter:
+        raise ForbiddenError(
+            f"expected an experimenter of the study, signed in or with an API token: nobody else"
+            f" may begin a session of the mode {mode!r}"
+        )
     token = arrival_token(slug, arrival) if is_secret(arrival) else new_secret()
     seed = studio.seed()
     with studio.database.write() as session:
@@ -164,10 +167,10 @@ def start(
                 returning.take_back(studio, session, earlier, token, ids)
                 session.flush()
                 return token, session_state.describe(studio, session, earlier)
-        _require_open(study, mode, by_experimenter=by_experimenter)
+        _require_open(study, mode)
         now = studio.now()
-        if not by_experimenter:
-            _require_no_crowd(studio, session, study, ids)
+        if mode == PREVIEW or not by_experimenter:
+            _require_no_crowd(studio, session, study, mode, ids)
         if mode == LIVE:
             places.require(session, study, mode, now)
             entry_links.use(session, study, entry, now)
@@ -249,8 +252,8 @@ def _platform(plan: Plan) -> str | None:
     return None if name == rules.NO_PLATFORM else name
 
 
-def _require_open(study: studies.StudyInfo, mode: str, *, by_experimenter: bool = False) -> None:
-    if mode != LIVE and by_experimenter:
+def _require_open(study: studies.StudyInfo, mode: str) -> None:
+    if mode in (PREVIEW, SIMULATED):
         return
     if study.status != studies.OPEN:
         is_draft = study.status == studies.DRAFT
@@ -261,11 +264,11 @@ def _require_open(study: studies.StudyInfo, mode: str, *, by_experimenter: bool 
 
 
 def _require_no_crowd(
-    studio: Studio, session: Session, study: studies.StudyInfo, ids: Mapping[str, str]
+    studio: Studio, session: Session, study: studies.StudyInfo, mode: str, ids: Mapping[str, str]
 ) -> None:
     is_named = rules.person(study.plan.recruitment, ids) is not None
     limit = studio.settings.begun_per_hour
-    crowding.require(session, study, limit, studio.now(), is_named=is_named)
+    crowding.require(session, study, limit, studio.now(), mode=mode, is_named=is_named)
 
 
 def _language(plan: Plan, wanted: str | None) -> str:

@@ -19,12 +19,10 @@ from app.study.protocol import Stage
 
 from . import entry_links
 from .errors import TooManyBegunError
+from .modes import LIVE
 from .studies import StudyInfo
 
 WITHIN = timedelta(hours=1)
-
-#: Of people, or of programs that say they are: simulated sessions are an experimenter's.
-MODES = ("live", "preview")
 
 #: Where a session can be that has answered no pair that counts.
 _EARLY = tuple(
@@ -37,23 +35,24 @@ _EARLY = tuple(
 
 
 def require(
-    session: Session, study: StudyInfo, limit: int, now: datetime, *, is_named: bool
+    session: Session, study: StudyInfo, limit: int, now: datetime, *, mode: str, is_named: bool
 ) -> None:
     """Raises TooManyBegunError if `limit` sessions began within the hour and answered nothing.
 
+    mode: each mode is counted for itself, so that previews take no room from those who take part.
     is_named: whether a platform's id came along, as it does with all whom the platform sends: twice
     as many have to have begun then. Nobody can say whether an id is a true one.
 
-    Deleted ones are counted by the day on which they were: nothing more is known of them. A study
-    of single-use links has its own bound, which is how many links it gave out.
+    Deleted ones are counted by the day on which they were: nothing more is known of them. Live
+    sessions of a study of single-use links have a bound of their own: how many links it gave out.
     """
-    if entry_links.wanted(study.plan):
+    if mode == LIVE and entry_links.wanted(study.plan):
         return
     if is_named:
         limit *= 2
     # Deleting what was begun must not make room for more.
-    left = limit - _deleted_today(session, study, now)
-    oldest = None if left < 1 else _oldest(session, study, left, now)
+    left = limit - _deleted_today(session, study, mode, now)
+    oldest = None if left < 1 else _oldest(session, study, mode, left, now)
     if left >= 1 and oldest is None:
         return
     # Where deleted ones alone are too many, that is so until their day is over.
@@ -65,13 +64,15 @@ def require(
     )
 
 
-def _oldest(session: Session, study: StudyInfo, count: int, now: datetime) -> datetime | None:
+def _oldest(
+    session: Session, study: StudyInfo, mode: str, count: int, now: datetime
+) -> datetime | None:
     """When the last but `count` of these sessions began; None if there are fewer."""
     return session.scalar(
         select(SessionRow.started_at)
         .where(
             SessionRow.study_id == study.id,
-            SessionRow.mode.in_(MODES),
+            SessionRow.mode == mode,
             SessionRow.stage.in_(_EARLY),
             SessionRow.trial_index == 0,
             or_(SessionRow.query_index == 0, SessionRow.stage == Stage.PRACTICE.value),
@@ -83,10 +84,10 @@ def _oldest(session: Session, study: StudyInfo, count: int, now: datetime) -> da
     )
 
 
-def _deleted_today(session: Session, study: StudyInfo, now: datetime) -> int:
+def _deleted_today(session: Session, study: StudyInfo, mode: str, now: datetime) -> int:
     count = select(func.count(Tombstone.id)).where(
         Tombstone.study_id == study.id,
-        Tombstone.mode.in_(MODES),
+        Tombstone.mode == mode,
         Tombstone.stage.in_(_EARLY),
         Tombstone.reason == "wish",
         Tombstone.deleted_at == _day(now),

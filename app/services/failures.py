@@ -10,6 +10,7 @@ from app.study.protocol import Stage
 from app.study.recruitment import Outcome
 
 from . import recruitment, sessions, studies
+from .modes import LIVE
 from .studio import Studio
 
 log = logging.getLogger(__name__)
@@ -34,6 +35,8 @@ def after_a_failure(studio: Studio, slug: str, token: str | None) -> dict[str, A
                 plan = studies.read(session, slug).plan
                 return recruitment.described(plan, "technical")
             row = sessions.find(studio, session, token, even_expired=True)
+            if row.mode != LIVE:
+                return None
             plan = studies.stored_plan(row.plan)
             all_answered = row.stage in (Stage.DEBRIEF, Stage.COMPLETED)
             outcome: Outcome = "completed" if all_answered else "technical"

@@ -21,14 +21,13 @@ from app.storage.tables import (
 from app.study.protocol import Stage, position
 
 from . import quality, studies
+from .modes import ALL
 from .quality import Flag
 from .state import ENDED, read_progress
 from .studio import Studio
 
 #: A response brings one pair; the pairs of the other two responses were loaded for nothing.
 PAIRS_LOADED_PER_QUERY = 3
-
-MODES = ("live", "preview", "simulated")
 
 
 @dataclass(frozen=True)
@@ -95,7 +94,7 @@ def payload_mb(studio: Studio, study: studies.StudyInfo) -> float | None:
 
 
 def sessions(
-    studio: Studio, study: studies.StudyInfo, modes: Sequence[str] = MODES
+    studio: Studio, study: studies.StudyInfo, modes: Sequence[str] = ALL
 ) -> list[SessionLine]:
     """The sessions of a study in these modes, the newest first."""
     of_study = SessionRow.study_id == study.id, SessionRow.mode.in_(modes)
@@ -167,7 +166,7 @@ def _presence(row: SessionRow, heard_of_since: datetime) -> str:
     return "here" if row.last_seen_at >= heard_of_since else "away"
 
 
-def deleted(studio: Studio, study_id: int, modes: Sequence[str] = MODES) -> int:
+def deleted(studio: Studio, study_id: int, modes: Sequence[str] = ALL) -> int:
     """How many sessions of these modes were deleted at their person's wish."""
     with studio.database.read() as session:
         found = session.scalar(

@@ -24,13 +24,12 @@ from app.study.retention import Due, Retention, due
 
 from . import audit, deletion, tidying
 from .fault_counts import Kind, Where
+from .modes import OF_PEOPLE
 from .repeating import repeated
 from .studies import stored_plan
 from .studio import Studio
 
 log = logging.getLogger(__name__)
-
-MODES = ("live", "preview")
 
 #: Days are promised, so an hour more or less is kept well within the promise.
 PERIOD_S = 3600.0
@@ -134,7 +133,7 @@ def _due(studio: Studio, session: Session, slug: str) -> _Found:
             SessionRow.ended_at,
             SessionRow.expires_at,
         )
-        .where(SessionRow.study_id == study.id, SessionRow.mode.in_(MODES))
+        .where(SessionRow.study_id == study.id, SessionRow.mode.in_(OF_PEOPLE))
         .order_by(SessionRow.id)
     )
     for row_id, person, plan_id, ended_at, expires_at in rows:

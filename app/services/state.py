@@ -26,6 +26,7 @@ from app.study.protocol import (
 from app.study.time_left import seconds_left
 
 from . import consents, playlist, query_state, recruitment
+from .modes import LIVE
 from .queries import Standing
 from .studies import plan_of, stored_plan, stored_texts
 from .studio import Studio
@@ -93,7 +94,8 @@ def describe(
         case Stage.DEBRIEF:
             state["debrief"] = {"html": rendered(written["debrief"])}
         case Stage.COMPLETED | Stage.SCREENED_OUT | Stage.WITHDRAWN | Stage.DECLINED:
-            way_back = recruitment.at_the_end(session, row, plan)
+            # A code is worth money: only who took part is given one.
+            way_back = recruitment.at_the_end(session, row, plan) if row.mode == LIVE else None
             if way_back is not None:
                 state[progress.stage.value] = way_back
     return state

@@ -15,7 +15,7 @@ from sqlalchemy.orm import Session
 from app.storage.tables import Participant, SessionRow, Study
 from app.study.protocol import Stage
 
-from .crowding import MODES
+from .modes import OF_PEOPLE
 from .studio import Studio
 
 KEPT = timedelta(days=1)
@@ -78,7 +78,7 @@ def _remove(session: Session, study_id: int, now: datetime) -> int:
 
 def _due(now: datetime) -> ColumnElement[bool]:
     return and_(
-        SessionRow.mode.in_(MODES),
+        SessionRow.mode.in_(OF_PEOPLE),
         SessionRow.stage == Stage.CONSENT.value,
         SessionRow.consented_at.is_(None),
         SessionRow.last_seen_at <= now - KEPT,

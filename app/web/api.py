@@ -31,7 +31,8 @@ from .schemas import (
     Undo,
     Watched,
 )
-from .security import MaybeExperimenterDep, SessionToken, StudioDep
+from .security import MaybeExperimenterDep, StudioDep
+from .session_tokens import SessionToken
 from .state_schema import SessionState, Started
 
 State = dict[str, Any]

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from fastapi import Request
 
-from app.services import recruitment
+from app.services import modes, recruitment
 from app.services.errors import IdsRefusedError
 from app.services.fault_counts import Kind, Where
 from app.services.studio import Studio
 from app.study.identifiers import Given
+
+from . import entrances
 
 #: The parameter of a link that lets one person in.
 ENTRY = "entry"
@@ -16,7 +18,8 @@ ENTRY = "entry"
 
 def given(request: Request, slug: str, studio: Studio) -> Given:
     """What the link says that may be kept. Raises NotFoundError or IdsRefusedError."""
-    if not request.query_params:
+    if not request.query_params or entrances.mode_of(request) != modes.LIVE:
+        # Who only tries the study is nobody's participant.
         return Given({})
     try:
         return recruitment.in_link(studio, slug, request.query_params.multi_items())

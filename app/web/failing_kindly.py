@@ -1,4 +1,7 @@
-"""When something of ours fails, an evaluator gets a page that says so, and the way back."""
+"""When something of ours fails, an evaluator gets a page that says so, and the way back.
+
+The pages of each mode of a session (`entrances`) are these routes, too.
+"""
 
 from __future__ import annotations
 
@@ -13,11 +16,12 @@ from fastapi.routing import APIRoute
 from starlette.concurrency import run_in_threadpool
 from starlette.exceptions import HTTPException
 
-from app.services import failures
+from app.services import failures, modes
 from app.services.errors import ServiceError
 from app.storage.clashes import is_clash
 from app.study.protocol import ProtocolError
 
+from . import entrances
 from .security import session_cookie, studio_of
 from .session_pages import render
 from .words import translatable
@@ -37,15 +41,20 @@ class FailingKindly(APIRoute):
         handle = super().get_route_handler()
 
         async def handle_kindly(request: Request) -> Response:
+            slug = request.path_params["slug"]
+            mode = entrances.mode_of(request)
+            await entrances.require_admitted(request, mode, slug)
+            entrances.take_in(request, mode, slug)
             try:
-                return await handle(request)
+                response = await handle(request)
+                entrances.send_out(response, mode, slug)
+                return response
             except _ON_PURPOSE:
                 raise
             except Exception as error:
                 # What somebody else did at the same moment is there when they look again.
                 if is_clash(error):
                     raise
-                slug = request.path_params["slug"]
                 log.exception("a page of the study %r failed", slug)
                 return await run_in_threadpool(_failed, request, slug)
 
@@ -54,7 +63,9 @@ class FailingKindly(APIRoute):
 
 def _failed(request: Request, slug: str) -> Response:
     token = request.cookies.get(session_cookie(slug))
-    way_back = failures.after_a_failure(studio_of(request), slug, token)
+    way_back = None
+    if entrances.mode_of(request) == modes.LIVE:
+        way_back = failures.after_a_failure(studio_of(request), slug, token)
     return render(
         request,
         slug,

@@ -12,6 +12,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from app.services.fault_counts import Kind, Where
 from app.services.studio import Studio
 
+from . import entrances
 from .security import bearer
 
 #: With which a page says whose call it is.
@@ -77,8 +78,9 @@ def _where(scope: Scope) -> Where | None:
     studio: Studio = scope["app"].state.studio
     if shown := studio.addresses.opened(named.get("public_id", "")):
         return Where(session_id=shown.session_id)
+    _, slug = entrances.of_header(headers.get(_STUDY_HEADER, ""))
     return Where.of(
-        named.get("slug") or headers.get(_STUDY_HEADER),
+        named.get("slug") or slug or None,
         bearer(headers.get("authorization")),
         named.get("public_id"),
     )

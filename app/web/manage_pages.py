@@ -8,15 +8,16 @@ from fastapi import APIRouter, Form, Request
 from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import RedirectResponse, Response
 
-from app.services import admission, design, drafts, jobs, lifecycle, revision, studies
+from app.services import design, drafts, jobs, lifecycle, modes, revision, studies
 from app.services.accounts import Experimenter
 from app.services.errors import ConflictError
 from app.services.studies import StudyInfo
 from app.services.studio import Studio
 from app.study.faults import StudyFaults
 
+from . import entrances, languages
 from .desk import ChangeOf, OwnerOf, OwnForm, SignedIn
-from .security import StudioDep, session_cookie, set_cookie
+from .security import StudioDep
 from .study_frame import study_page
 
 router = APIRouter(include_in_schema=False)
@@ -28,11 +29,15 @@ def manage(study: ChangeOf, request: Request, studio: StudioDep, caller: SignedI
 
 
 @router.post("/studies/{slug}/preview", dependencies=[OwnForm])
-def preview(study: ChangeOf, studio: StudioDep) -> Response:
-    """Go through the study as an evaluator would; its data is marked, and left out of results."""
-    token, _ = admission.start(studio, study.slug, mode=admission.PREVIEW, by_experimenter=True)
-    response = RedirectResponse(f"/s/{study.slug}", status_code=303)
-    set_cookie(response, studio, session_cookie(study.slug), token)
+def preview(study: ChangeOf, language: Annotated[str, Form(max_length=12)] = "") -> Response:
+    """Go through the study as a newcomer would, from its first page on, in this language.
+
+    Its data is marked, and left out of results.
+    """
+    query = f"?{languages.PARAMETER}={language}" if language in study.plan.languages else ""
+    address = f"{entrances.PREFIXES[modes.PREVIEW]}/s/{study.slug}{query}"
+    response = RedirectResponse(address, status_code=303)
+    response.delete_cookie(entrances.cookie_of(modes.PREVIEW, study.slug))
     return response
 
 

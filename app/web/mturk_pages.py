@@ -9,11 +9,11 @@ from __future__ import annotations
 from fastapi import Request
 from fastapi.responses import Response
 
-from app.services import admission, studies
+from app.services import admission, modes, studies
 from app.services.studio import Studio
 from app.study.recruitment import MTURK_FRAMES, is_mturk_preview
 
-from . import languages
+from . import entrances, languages
 from .security import POLICY, content_security_policy
 from .session_pages import render
 
@@ -22,6 +22,8 @@ def outside_the_study(request: Request, slug: str, studio: Studio) -> Response |
     """The page for Mechanical Turk's frame; None for whoever is in a window of our own."""
     given = request.query_params
     in_frame = request.headers.get("sec-fetch-dest") == "iframe"
+    if entrances.mode_of(request) != modes.LIVE:
+        return None
     if "assignmentId" not in given and not in_frame:
         return None
     plan = studies.find(studio, slug).plan

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Header, Request
 from fastapi.responses import HTMLResponse, RedirectResponse, Response, StreamingResponse
 
-from app.services import access, entry_links
+from app.services import access, entry_links, modes
 from app.services.access import Right
 from app.services.export import TABLES
 from app.services.quality import LABELS, RULES
@@ -25,7 +25,7 @@ from .templating import page
 
 router = APIRouter(include_in_schema=False)
 
-MODES = ("live", "preview", "simulated", "all")
+MODES = (*modes.ALL, "all")
 
 
 def mode_of(mode: str) -> str:

@@ -7,7 +7,15 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Form, Request
 from fastapi.responses import Response
 
-from app.services import admission, participation, recruitment, returning, studies, withdrawal
+from app.services import (
+    admission,
+    modes,
+    participation,
+    recruitment,
+    returning,
+    studies,
+    withdrawal,
+)
 from app.services.errors import (
     AlreadyTakenPartError,
     EntryLinkError,
@@ -24,7 +32,7 @@ from app.services.studio import Studio
 from app.services.tokens import new_secret
 from app.study.recruitment import Outcome
 
-from . import arrivals, languages, mturk_pages, turned_away
+from . import arrivals, entrances, languages, mturk_pages, turned_away
 from .failing_kindly import FailingKindly
 from .in_line import in_line
 from .security import SESSION_COOKIE_SECONDS, StudioDep, session_cookie, set_cookie
@@ -107,7 +115,9 @@ def _enter(
     ids = given.ids
     language = _language(request, slug, studio)
     try:
-        entrance = admission.entrance(studio, slug, language, entry=entry, ids=ids)
+        entrance = admission.entrance(
+            studio, slug, language, entry=entry, ids=ids, mode=entrances.mode_of(request)
+        )
         if version != entrance.consent["version"]:
             return to_stage(slug, request.url.query)
         token, _ = admission.start(
@@ -115,6 +125,8 @@ def _enter(
             slug,
             external_ids=ids,
             language=entrance.language,
+            mode=entrances.mode_of(request),
+            by_experimenter=entrances.mode_of(request) == modes.PREVIEW,
             entry=entry,
             after=after,
             arrival=arrival,
@@ -159,6 +171,8 @@ def _way_back_of(
     request: Request, studio: Studio, slug: str, outcome: Outcome
 ) -> dict[str, Any] | None:
     """The code and the way back of somebody of whom nothing is kept but the link they came by."""
+    if entrances.mode_of(request) != modes.LIVE:
+        return None
     ids = arrivals.given(request, slug, studio).ids
     return recruitment.described(studies.find(studio, slug).plan, outcome, ids)
 
@@ -234,7 +248,9 @@ def _entrance(
     entry = arrivals.entry(request)
     ids = arrivals.given(request, slug, studio).ids
     try:
-        entrance = admission.entrance(studio, slug, language, entry=entry, ids=ids)
+        entrance = admission.entrance(
+            studio, slug, language, entry=entry, ids=ids, mode=entrances.mode_of(request)
+        )
     except EntryLinkError as error:
         return turned_away.no_entry(request, slug, studio, error)
     except TooManyBegunError as error:

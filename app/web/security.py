@@ -89,29 +89,6 @@ def session_cookie(slug: str) -> str:
     return f"pbpo_session_{slug}"
 
 
-async def session_token(
-    request: Request,
-    authorization: Annotated[str | None, Header(include_in_schema=False)] = None,
-    pbpo_study: Annotated[
-        str | None,
-        Header(
-            description="With a page's cookie instead of a bearer token: the slug of the study."
-            " No other site can send this header."
-        ),
-    ] = None,
-) -> str:
-    """The session's token, from the header of a program or the cookie of a page."""
-    token = bearer(authorization)
-    if token is None and pbpo_study is not None:
-        token = request.cookies.get(session_cookie(pbpo_study))
-    if token is None:
-        raise SignInRequiredError("expected a session's token as `Authorization: Bearer <token>`")
-    return token
-
-
-SessionToken = Annotated[str, Depends(session_token)]
-
-
 async def optional_experimenter(
     request: Request,
     studio: StudioDep,

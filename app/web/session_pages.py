@@ -9,7 +9,7 @@ from typing import Any
 from fastapi import Request
 from fastapi.responses import RedirectResponse, Response
 
-from app.services import participation
+from app.services import modes, participation, studies
 from app.services.errors import SessionExpiredError, SignInRequiredError
 from app.services.state import State
 from app.services.studio import Studio
@@ -18,8 +18,14 @@ from app.study.plan import Plan
 from app.study.protocol import ProtocolError
 from app.study.recruitment import MTURK_FRAMES, MTURK_HOSTS
 
-from . import languages, words
-from .security import POLICY, content_security_policy, session_cookie, studio_of
+from . import entrances, languages, words
+from .security import (
+    POLICY,
+    content_security_policy,
+    form_token,
+    session_cookie,
+    studio_of,
+)
 from .templating import page
 
 
@@ -45,8 +51,9 @@ def render(
     else:
         language = context.get("language") or languages.of_reader(request, words.spoken())
     values = {
-        "slug": slug,
-        "base": f"/s/{slug}",
+        "slug": entrances.study_header(request, slug),
+        "base": entrances.base_of(request, slug),
+        **_banner(request, slug),
         "query_string": f"?{query}" if query else "",
         "state": state,
         "study_title": study["title"],
@@ -66,6 +73,20 @@ def render(
             studio_of(request).recordings.origin, form_action=(*hosts, *MTURK_FRAMES)
         )
     return response
+
+
+def _banner(request: Request, slug: str) -> dict[str, Any]:
+    """What the pages say above all else where the session does not count."""
+    mode = entrances.mode_of(request)
+    if mode == modes.LIVE:
+        return {"mode": mode}
+    plan = studies.find(studio_of(request), slug).plan
+    return {
+        "mode": mode,
+        "study_url": f"/studies/{slug}",
+        "csrf_token": form_token(request),
+        "preview_languages": [(code, languages.own_name(code)) for code in plan.languages],
+    }
 
 
 def about(request: Request, plan: Plan, language: str | None = None) -> dict[str, Any]:

@@ -77,8 +77,10 @@ class Api:
         """Run a coroutine function of an httpx client, such as a simulated evaluator's walk."""
         return self._loop.run_until_complete(coroutine_of(self._client))
 
-    def start(self, slug: str = "short", **body: Any) -> Session:
-        response = self.post(f"/api/v1/studies/{slug}/sessions", json=body)
+    def start(self, slug: str = "short", *, by: str = "", **body: Any) -> Session:
+        """Begin a session. by: an experimenter's API token, where one is wanted."""
+        headers = {"Authorization": f"Bearer {by}"} if by else {}
+        response = self.post(f"/api/v1/studies/{slug}/sessions", json=body, headers=headers)
         assert response.status_code == 201, response.text
         answer = response.json()
         return Session(self, answer["token"], answer["session"])

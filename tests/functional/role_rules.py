@@ -13,6 +13,7 @@ A new route needs a line in RULES: `"METHOD /path": <rule>`. The rules:
 | AT_THE_BROWSER | everybody who is signed in, and no token |
 | MY_JOB | whoever asked for the work, and their tokens |
 | ADMIN | admins, and no token |
+| PREVIEW | by the right to change the study, and nobody else learns anything |
 | ANYBODY | an account makes no difference |
 
 `RULE.with_(params={...})` says what stands in the path, `query`, `form` and `json` what is sent.
@@ -94,6 +95,10 @@ MY_JOB = rule("a job of one's own", **_NOT_THERE, admin=404, shared=404, reviewe
 AT_THE_BROWSER = rule("at the browser", nobody=SIGN_IN, **_NO_TOKENS)
 ADMIN = rule("admin", nobody=SIGN_IN, owner=403, shared=403, other=403, reviewer=403, **_NO_TOKENS)
 ANYBODY = rule("anybody")
+PREVIEW = Rule(
+    "a preview, by the right to change the study",
+    {**dict.fromkeys(("nobody", "other", "reviewer", "read token"), 403)},
+)
 NO_SESSION = Rule("whoever holds the session's token", dict.fromkeys(CALLERS, 401))
 
 #: A job of the owner's.
@@ -124,6 +129,25 @@ RULES: Mapping[str, Rule] = {
     "POST /s/{slug}/delete": ANYBODY,
     "GET /s/{slug}/deleted": ANYBODY,
     "GET /s/{slug}/privacy": ANYBODY,
+    # The same pages in a preview.
+    **{
+        f"{method} /preview/s/{{slug}}{page}": PREVIEW.with_(form=form)
+        for method, page, form in (
+            ("GET", "", {}),
+            ("GET", "/consent", {}),
+            ("POST", "/consent", {"version": "x"}),
+            ("POST", "/decline", {}),
+            ("POST", "/continue", {}),
+            ("POST", "/screen-out", {}),
+            ("POST", "/questionnaire", {}),
+            ("GET", "/withdraw", {}),
+            ("POST", "/withdraw", {}),
+            ("GET", "/delete", {}),
+            ("POST", "/delete", {}),
+            ("GET", "/deleted", {}),
+            ("GET", "/privacy", {}),
+        )
+    },
     # Of a session: none of the callers here has one, and an account opens none.
     **{
         f"{method} /api/v1/session{step}": NO_SESSION.with_(json=body)

@@ -27,7 +27,7 @@ def test_an_experimenter_goes_through_a_draft_and_its_data_stays_out_of_results(
 ) -> None:
     headers = {"Authorization": f"Bearer {api_token}"}
     path = f"/api/v1/studies/{draft.slug}/sessions"
-    assert client.post(path, json={"mode": "preview"}).status_code == 409
+    assert client.post(path, json={"mode": "preview"}).status_code == 403
     assert client.post(path, json={"mode": "preview"}, headers=headers).status_code == 201
 
     export = f"/api/v1/studies/{draft.slug}/export/sessions.csv"

@@ -114,7 +114,7 @@ def test_the_api_takes_the_token_of_a_link(client: Api, studio: Studio, study: S
     )
     assert client.post(path, json={"entry": token}).status_code == 201
     assert client.post(path, json={"entry": token}).status_code == 403
-    assert client.post(path, json={"mode": "preview"}).status_code == 201
+    assert client.post(path, json={"mode": "preview"}).status_code == 403
 
 
 @pytest.mark.sqlite

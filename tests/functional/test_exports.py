@@ -278,7 +278,7 @@ def test_preview_and_simulated_sessions_come_only_when_asked_for(
             headers=headers,
         )
         assert started.status_code == 201
-        client.start(mode="preview").to_first_query().respond("left")
+        client.start(mode="preview", by=walked.api_token).to_first_query().respond("left")
 
     def modes(*asked: str) -> list[str]:
         return sorted(walked.table("sessions", *asked)["mode"])

@@ -300,3 +300,17 @@ def test_the_experimenter_sees_how_many_were_deleted(
     headers = {"Authorization": f"Bearer {api_token}"}
     page = client.get("/studies/short", headers=headers).text
     assert re.search(r"<dt>Deleted at their wish</dt><dd>1</dd>", page)
+
+
+def test_the_page_of_the_deleted_shows_strangers_no_code(
+    client: Api, recruit: Recruit, clock: Clock
+) -> None:
+    recruit("recruitment: {platform: prolific, codes: {completed: DONE, withdrawn: W1THDR4WN}}\n")
+    assert "W1THDR4WN" not in client.get("/s/short/deleted").text
+    client.cookies.set("pbpo_deleted_short", "0" * 64)
+    assert "W1THDR4WN" not in client.get("/s/short/deleted").text
+    client.cookies.clear()
+    in_browser(client, "query", clock)
+    assert client.post("/s/short/withdraw", data={"delete": "1"}).status_code == 303
+    for _ in range(2):
+        assert "W1THDR4WN" in client.get("/s/short/deleted").text

@@ -234,7 +234,7 @@ def test_a_study_that_is_not_open_takes_nobody_but_its_experimenter(
     studies.close_study(studio, "short")
     assert "closed" in problem(client.post(path, json={}), 409, "study-not-open")["detail"]
     preview = {"mode": "preview"}
-    problem(client.post(path, json=preview), 409, "study-not-open")
+    problem(client.post(path, json=preview), 403, "forbidden")
     own = {"Authorization": f"Bearer {api_token}"}
     problem(client.post(path, json={}, headers=own), 409, "study-not-open")
     assert client.post(path, json=preview, headers=own).status_code == 201

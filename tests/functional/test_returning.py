@@ -232,10 +232,10 @@ def test_the_api_refuses_with_a_type_of_its_own(client: Api, recruit: Recruit) -
     assert begin(client).status_code == 201
 
 
-def test_a_preview_is_nobodys_first_time(client: Api, recruit: Recruit) -> None:
+def test_a_preview_is_nobodys_first_time(client: Api, recruit: Recruit, studio: Studio) -> None:
     recruit(recruitment("block"))
     ids = {"PROLIFIC_PID": "5f0c"}
-    assert begin(client, external_ids=ids, mode="preview").status_code == 201
+    client.start(mode="preview", by=token_for(studio), external_ids=ids)
     assert begin(client, external_ids=ids).status_code == 201
 
 

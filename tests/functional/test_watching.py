@@ -146,7 +146,7 @@ def test_the_part_that_changes_is_the_part_of_the_page(watched: Api) -> None:
 
 
 def test_an_answer_changes_the_stamp_and_nothing_leaves_it_as_it_is(
-    client: Api, studio: Studio, short_study: StudyInfo, clock: Clock
+    client: Api, studio: Studio, short_study: StudyInfo, clock: Clock, api_token: str
 ) -> None:
     def now() -> str:
         return stamp(studio, short_study.id, ("live",), short_study.plan.lease_minutes)
@@ -160,7 +160,7 @@ def test_an_answer_changes_the_stamp_and_nothing_leaves_it_as_it_is(
     seen.append(now())
     assert len(set(seen)) == len(seen)
     assert now() == seen[-1]
-    client.start(mode="preview")
+    client.start(mode="preview", by=api_token)
     assert now() == seen[-1]
     clock.forward(61 * 60)
     assert now() != seen[-1]

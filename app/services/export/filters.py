@@ -9,8 +9,8 @@ from sqlalchemy.orm import Session
 
 from app.services import quality
 from app.services.errors import ConflictError
+from app.services.modes import ALL, LIVE
 from app.services.quality import Flag
-from app.services.results import MODES
 from app.services.studio import Studio
 
 from .columns import Request
@@ -22,8 +22,8 @@ ALL_FLAGS = tuple(Flag)
 def modes_of(chosen: Sequence[str] | None) -> tuple[str, ...]:
     """The modes that count: live, unless others are asked for."""
     if not chosen:
-        return ("live",)
-    return MODES if "all" in chosen else tuple(dict.fromkeys(chosen))
+        return (LIVE,)
+    return ALL if "all" in chosen else tuple(dict.fromkeys(chosen))
 
 
 def settled(studio: Studio, request: Request) -> Request:

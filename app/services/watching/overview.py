@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from statistics import median
 
 from app.services import results
-from app.services.results import MODES, SessionLine
+from app.services.modes import ALL
+from app.services.results import SessionLine
 from app.services.state import ENDED
 from app.services.studies import StudyInfo
 from app.services.studio import Studio
@@ -44,7 +45,7 @@ class Overview:
 
 def modes_of(mode: str) -> tuple[str, ...]:
     """The modes that a page's choice stands for."""
-    return MODES if mode == "all" else (mode,)
+    return ALL if mode == "all" else (mode,)
 
 
 def overview(studio: Studio, study: StudyInfo, mode: str) -> Overview:

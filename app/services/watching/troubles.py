@@ -10,8 +10,9 @@ from typing import Any
 from sqlalchemy import Select, func, select
 from sqlalchemy.orm import InstrumentedAttribute, Session
 
-from app.services import clock, crowding, jobs
+from app.services import clock, jobs
 from app.services.fault_counts import Kind
+from app.services.modes import OF_PEOPLE
 from app.services.studies import StudyInfo
 from app.services.studio import Studio
 from app.storage.records import FaultCount, Job
@@ -130,7 +131,7 @@ def _counted(session: Session, study_id: int, since: datetime) -> Iterator[Troub
 
 def _set_aside(session: Session, study_id: int, since: datetime) -> Iterator[Trouble]:
     number, last_at = session.execute(
-        _queries(study_id, QueryRow.set_aside_at, since).where(SessionRow.mode.in_(crowding.MODES))
+        _queries(study_id, QueryRow.set_aside_at, since).where(SessionRow.mode.in_(OF_PEOPLE))
     ).one()
     if last_at is not None:
         yield Trouble(

@@ -13,7 +13,6 @@ from datetime import datetime
 from sqlalchemy.orm import Session
 
 from app.pbbo import allows_skip
-from app.storage import patience
 from app.storage.insertion import insert_rows
 from app.storage.tables import QueryRow, Response, SessionRow, Trial
 from app.study import protocol
@@ -71,7 +70,6 @@ def respond(studio: Studio, token: str, answer: Answer) -> State:
                 return came
             # Nobody has worked it out ahead: done now, inside no transaction. Should the trial have
             # gone on meanwhile, what follows that is asked for next.
-            patience.require()
             worked_out[came.history] = studio.proposer.step(came.trial, came.history)
 
 

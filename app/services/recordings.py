@@ -19,7 +19,6 @@ from typing import Any, Protocol
 from sqlalchemy import select
 
 from app.crane import library
-from app.storage import patience
 from app.storage.database import Database
 from app.storage.tables import Candidate, Recording, SessionRow
 
@@ -133,14 +132,10 @@ class Recordings:
         """Done once the recording's file is there; a missing one is rendered in another process.
 
         It may ask a network: call it in no transaction. Raises NotFoundError, at once, if a study's
-        own file has gone, and NeedsPatienceError.
+        own file has gone.
         """
         store, name = self._kept(source)
-        is_there = store.at_hand(name)
-        if not is_there:
-            patience.require()
-            is_there = bool(store.sizes([name]))
-        if is_there:
+        if store.at_hand(name) or store.sizes([name]):
             ready: Future[Any] = Future()
             ready.set_result(None)
             return ready

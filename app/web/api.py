@@ -15,7 +15,7 @@ from app.services.undoing import undo
 from app.study.stages import Device
 
 from .bearers import EXPERIMENTER, SESSION, short_id
-from .in_line import at_once, at_once_to_look, in_line
+from .in_line import in_line, in_line_to_look
 from .json_bodies import ParsedApart
 from .problems import refusals
 from .schemas import (
@@ -59,7 +59,7 @@ of_session = APIRouter(
     # A token is needed for a simulated session only.
     openapi_extra={"security": [{}]},
 )
-@at_once
+@in_line
 def start_session(
     slug: str, body: StartSession, studio: StudioDep, caller: MaybeExperimenterDep
 ) -> Any:
@@ -84,7 +84,7 @@ def delete_by_receipt(slug: str, body: AskForDeletion, studio: StudioDep) -> Non
 
 
 @of_session.get("", responses=refusals(401), **STATE)
-@at_once_to_look
+@in_line_to_look
 def get_session(studio: StudioDep, token: SessionToken, response: Response) -> State:
     """Where the session is."""
     response.headers["Cache-Control"] = "no-store"
@@ -92,14 +92,14 @@ def get_session(studio: StudioDep, token: SessionToken, response: Response) -> S
 
 
 @of_session.post("/consent", responses=refusals(401, 409, body=True), **STATE)
-@at_once
+@in_line
 def give_consent(body: GiveConsent, studio: StudioDep, token: SessionToken) -> State:
     """Agree to the consent of this version."""
     return participation.consent(studio, token, body.version)
 
 
 @of_session.post("/continue", responses=refusals(401, 409, body=True), **STATE)
-@at_once
+@in_line
 def go_on(studio: StudioDep, token: SessionToken, body: GoOn | None = None) -> State:
     """Leave a page that only has to be left. The device check wants what was measured."""
     measured = body.device if body is not None else None
@@ -115,21 +115,21 @@ def screen_out(studio: StudioDep, token: SessionToken) -> State:
 
 
 @of_session.post("/watched", responses=refusals(401, 404, 409, body=True), **STATE)
-@at_once
+@in_line
 def watched(body: Watched, studio: StudioDep, token: SessionToken) -> State:
     """A video of the familiarisation was watched to its end. The same again changes nothing."""
     return participation.watch(studio, token, body.index)
 
 
 @of_session.post("/questionnaire", responses=refusals(401, 409, body=True), **STATE)
-@at_once
+@in_line
 def answer_questionnaire(body: Answers, studio: StudioDep, token: SessionToken) -> State:
     """Answer all items of the open questionnaire. 422 names every answer that cannot be taken."""
     return questionnaires.answer(studio, token, body.answers)
 
 
 @of_session.post("/responses", responses=refusals(401, 404, 409, body=True), **STATE)
-@at_once
+@in_line
 def respond(body: Respond, studio: StudioDep, token: SessionToken) -> State:
     """Answer the open query. The same again changes nothing."""
     happenings = _happenings(body.events)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import asyncio
 from concurrent.futures import Future
-from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,7 +19,6 @@ from app.services.errors import StoreAwayError
 from app.services.recordings import Source
 from app.services.stores.store import KEPT, Errand, Link, form_of
 from app.services.studio import Studio
-from app.storage import patience
 
 from . import video_file
 from .security import StudioDep
@@ -43,10 +41,8 @@ MADE_WITHIN_S = 50.0
 )
 async def recording(public_id: str, request: Request, studio: StudioDep) -> Response:
     """A recording's video; one that is not there yet is rendered first."""
-    begun = _begun_at_once(studio, public_id, request)
-    if begun is None:
-        # One errand to a thread, if the video is there: on a busy server each has to be waited for.
-        begun = await run_in_threadpool(_begun, studio, public_id, request)
+    # One hand-over to a thread, if the video is there: on a busy server each has to be waited for.
+    begun = await run_in_threadpool(_begun, studio, public_id, request)
     if isinstance(begun, _Coming):
         await _until_made(begun.made)
         begun = await run_in_threadpool(_answer, studio, public_id, begun.source, request)
@@ -59,15 +55,6 @@ class _Coming:
 
     source: Source
     made: Future[Any]
-
-
-def _begun_at_once(studio: Studio, public_id: str, request: Request) -> Response | _Coming | None:
-    """As `_begun`, by the event loop itself: of a video that this machine has in its memory."""
-    # A store of the network signs links, and may have to ask by what right.
-    if studio.recordings.origin is None and studio.database.answers_at_once:
-        with suppress(patience.NeedsPatienceError), patience.at_once():
-            return _begun(studio, public_id, request)
-    return None
 
 
 async def _until_made(made: Future[Any]) -> None:

@@ -12,7 +12,6 @@ from starlette.types import Message, Receive, Scope, Send
 
 from app.services.errors import StoreAwayError
 from app.services.stores.store import form_of
-from app.storage import page_cache, patience
 
 #: Bytes that are read at a time. Most videos are one piece.
 PIECE = 1024 * 1024
@@ -22,10 +21,7 @@ _ALL = (None, "bytes=0-")
 
 
 def answer(file: Path, request: Request, headers: Mapping[str, str]) -> Response:
-    """The file, or the part of it that was asked for. For who does not wait: if it can be at once.
-
-    Raises NeedsPatienceError.
-    """
+    """The file, or the part of it that was asked for."""
     form, wanted = form_of(file.name), request.headers.get("range")
     is_plain = request.method == "GET" and "if-range" not in request.headers
     content = _one_piece(file) if is_plain and wanted in _ALL else None
@@ -41,8 +37,6 @@ def answer(file: Path, request: Request, headers: Mapping[str, str]) -> Response
 def _one_piece(file: Path) -> bytes | None:
     """All of a file that is no longer than a piece; None if it is longer, empty or not there."""
     try:
-        if patience.is_lacking():
-            return page_cache.read(file, PIECE)
         with file.open("rb") as opened:
             content = opened.read(PIECE + 1)
     except OSError:

@@ -67,27 +67,6 @@ def test_who_looks_waits_for_nobody_who_writes(client: Api, lock: sqlite3.Connec
     assert [one.look()["progress"]["query"] for one in writing] == [2] * RESPONSES
 
 
-def test_what_has_to_wait_for_nobody_does_not_stand_in_line(
-    client: Api, lock: sqlite3.Connection, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    comes, waits = client.start(), client.start()
-    monkeypatch.setattr(in_line, "PATIENCE_S", 0.1)
-
-    async def agree(http: httpx.AsyncClient, session: Session) -> int:
-        body = {"version": session.state["consent"]["version"]}
-        sent = await http.post("/api/v1/session/consent", json=body, headers=session.headers)
-        return sent.status_code
-
-    async def scene(http: httpx.AsyncClient) -> list[int]:
-        for place in range(in_line.WRITING):
-            in_line._places().of_writers.acquire_on_behalf_of_nowait(place)
-        begun = await agree(http, comes)
-        lock.execute("BEGIN IMMEDIATE")
-        return [begun, await agree(http, waits)]
-
-    assert client.run(scene) == [200, 503]
-
-
 def test_who_has_waited_for_too_long_is_told_so_and_may_send_again(
     client: Api, lock: sqlite3.Connection, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -8,12 +8,12 @@ from datetime import UTC, datetime
 from typing import Any
 
 import pytest
-from sqlalchemy import Engine, create_engine, func, select, text
+from sqlalchemy import Connection, Engine, create_engine, event, func, select, text
 from sqlalchemy.exc import DataError
 
 from app.services.studio import Studio
 from app.storage import database as doors
-from app.storage import patience
+from app.storage.commits import CommitLostError
 from app.storage.database import Database
 from app.storage.tables import Study
 from app.storage.task_queue import connector_of
@@ -48,33 +48,6 @@ def test_a_reader_sees_what_was_there_when_it_began(studio: Studio) -> None:
             session.add(study("a"))
         assert reader.scalar(statement) == 0
     assert count(studio.database) == 1
-
-
-@pytest.mark.sqlite
-@pytest.mark.parametrize("where", ["in this process", "in another program"])
-def test_who_does_not_wait_is_told_at_once_that_somebody_else_writes(
-    studio: Studio, where: str
-) -> None:
-    database = studio.database
-    other = database if where == "in this process" else Database(database.url)
-
-    def write(slug: str) -> None:
-        with patience.at_once(), database.write() as session:
-            session.add(study(slug))
-
-    with other.write() as session:
-        session.add(study("other"))
-        session.flush()
-        begun = time.monotonic()
-        with pytest.raises(patience.NeedsPatienceError):
-            write("refused")
-        # A writer who waits gives up after 15 s.
-        assert time.monotonic() - begun < 5
-        with patience.at_once():
-            assert count(database) == 0
-    write("own")
-    assert count(database) == 2
-    other.close()
 
 
 @pytest.mark.sqlite
@@ -117,6 +90,23 @@ def test_what_no_column_can_hold_is_refused_alike_by_every_database(
         session.scalar(select(Study.id).where(column == value))
 
 
+@pytest.mark.postgresql
+def test_a_connection_that_is_cut_during_the_commit_leaves_the_outcome_unknown(
+    studio: Studio,
+) -> None:
+    def cut(connection: Connection) -> None:
+        driver: Any = connection.connection.dbapi_connection
+        pid = driver.info.backend_pid
+        with studio.database.read() as other:
+            other.execute(select(func.pg_terminate_backend(pid, 5_000)))
+
+    database = Database(studio.settings.url)
+    event.listen(database.engine, "commit", cut)
+    with pytest.raises(CommitLostError), database.write() as session:
+        session.add(study("a"))
+    database.close()
+
+
 def test_every_connection_to_postgresql_is_told_when_its_server_is_gone(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -129,9 +119,9 @@ def test_every_connection_to_postgresql_is_told_when_its_server_is_gone(
     monkeypatch.setattr(doors, "create_engine", making)
     url = "postgresql+psycopg://somebody@nowhere.example/studio?keepalives_idle=60"
     Database(url).close()
-    # Of those who wait, of those who do not, and of workers at their queue.
+    # The server's connections, and those of workers to their queue.
     asked.append(connector_of(url)._pool_args["kwargs"])
-    assert len(asked) == 3
+    assert len(asked) == 2
     for one in asked:
         assert (one["connect_timeout"], one["tcp_user_timeout"]) == (10, 20_000)
         # What the URL says goes first.

@@ -110,10 +110,11 @@ def demo(port: Port = 8000, host: Host = "127.0.0.1", data_dir: DataDir = None) 
     """Serve the waste-crane study, set up on the first start."""
     from app.server import listen, serve_app
     from app.services import demo as demo_service
+    from app.simulation import JOBS
 
     socket = listen(host, port)
     address = f"http://{host}:{socket.getsockname()[1]}"
-    studio = studio_of(data_dir)
+    studio = studio_of(data_dir, works=JOBS)
     access = demo_service.prepare(studio, address)
 
     def say() -> None:
@@ -141,10 +142,11 @@ def serve(
     """Serve the studies that are there. Logs are lines of JSON on standard error."""
     from app.server import listen, serve_app, serve_with_workers
     from app.services import safety
+    from app.simulation import JOBS
 
     safety.require_servable(settings_of(data_dir), workers)
     with listen(host, port) as socket:
-        studio = studio_of(data_dir)
+        studio = studio_of(data_dir, works=JOBS)
         safety.require_safe(studio, host)
         for sentence in safety.unsafe_settings(studio, host):
             print(f"pbpo: {sentence}", file=sys.stderr)

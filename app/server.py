@@ -26,11 +26,11 @@ from uvicorn.config import LOGGING_CONFIG
 from uvicorn.supervisors import Multiprocess
 
 from app.main import create_app
-from app.services import design, jobs, logs, measurements
+from app.services import jobs, logs, measurements
 from app.services.errors import ConflictError
 from app.services.settings import Settings
 from app.services.studio import Studio, open_studio
-from app.simulation import simulate_job
+from app.simulation import JOBS
 
 #: How long an idle connection is kept, in seconds.
 #: Chromium keeps an idle connection for 300 s, Caddy for 120, nginx for 60.
@@ -144,7 +144,7 @@ def _worker(settings: Settings, folder: Path) -> FastAPI:
     """The application of one worker, made in its own process."""
     logs.write_json()
     _expect_many()
-    app = _application(open_studio(settings))
+    app = _application(open_studio(settings, works=JOBS))
     told = threading.Event()
 
     def tell(before: Any, number: int, frame: FrameType | None) -> None:
@@ -186,8 +186,6 @@ def _application(studio: Studio) -> FastAPI:
     gc.collect()
     gc.freeze()
     gc.set_threshold(GARBAGE_AT)
-    # Simulated evaluators walk through the application itself, which services know nothing of.
-    studio.works[design.SIMULATE] = simulate_job
     jobs.revive(studio)
     return app
 

@@ -17,13 +17,13 @@ from sqlalchemy import select
 from app.lab.evaluators import Certain, Evaluator, Uncertain
 from app.lab.walk import walk
 from app.main import create_app
-from app.services import studies
+from app.services import design, studies
 from app.services.accounts import Experimenter, Role
 from app.services.errors import ConflictError
 from app.services.in_process import InProcess
 from app.services.settings import Settings
 from app.services.studio import Studio, open_studio, utc_now
-from app.services.work import Report
+from app.services.work import Report, Work
 from app.storage.database import Database
 from app.storage.tables import Candidate, Recording, SessionRow, Study
 from app.web.security import optional_experimenter
@@ -105,6 +105,10 @@ def simulate_job(settings: Settings, request: Mapping[str, Any], report: Report)
     if done.eta is not None:
         said.append(f"Their choices had a steepness of {done.eta:.4g} per unit of score.")
     return " ".join(said)
+
+
+#: Kinds of job that walk through the application itself, which services may not import.
+JOBS: Mapping[str, Work] = {design.SIMULATE: simulate_job}
 
 
 def completed_simulated(settings: Settings, slug: str) -> int:

@@ -11,12 +11,12 @@ from pathlib import Path
 
 import procrastinate
 
-from app.services import design, logs, safety, unfinished
+from app.services import logs, safety, unfinished
 from app.services.in_process import InProcess
 from app.services.settings import Settings
 from app.services.studio import open_studio
 from app.services.worker_tasks import Pulse, WorkerTasks
-from app.simulation import simulate_job
+from app.simulation import JOBS
 from app.storage.task_queue import QUEUES, RENDER, TaskQueue
 
 log = logging.getLogger(__name__)
@@ -47,10 +47,8 @@ def work(
     logging.getLogger("procrastinate.worker").setLevel(logging.CRITICAL)
     for queue in QUEUES:
         logging.getLogger(f"procrastinate.worker.{queue}").setLevel(logging.WARNING)
-    studio = open_studio(settings, background=InProcess(videos))
+    studio = open_studio(settings, background=InProcess(videos), works=JOBS)
     try:
-        # Simulated evaluators walk through the application itself, which services do not know.
-        studio.works[design.SIMULATE] = simulate_job
         tasks = WorkerTasks(studio, TaskQueue(studio.database), pulse)
         with unfinished.swept_hourly(studio):
             asyncio.run(_until_told(tasks, _Manner(videos, alive, pulse), ready))

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 import tempfile
-from collections.abc import Callable, Hashable, Iterator
+from collections.abc import Callable, Hashable, Iterator, Mapping
 from concurrent.futures import Future
 from datetime import UTC, datetime, timedelta
 from itertools import count
@@ -25,6 +25,7 @@ from app.services.background import Background
 from app.services.in_process import InProcess
 from app.services.settings import Settings
 from app.services.studio import Studio, open_studio
+from app.services.work import Work
 from app.storage.accounts import Account
 
 from .databases import Databases, PostgresServer, SqliteFiles, compile_once
@@ -160,15 +161,25 @@ def _on_this_runs_database(
 
 
 @pytest.fixture
+def works() -> Mapping[str, Work]:
+    """Further kinds of job: none, unless a test's module says otherwise."""
+    return {}
+
+
+@pytest.fixture
 def studio(
-    settings: Settings, clock: Clock, background: Background, databases: Databases
+    settings: Settings,
+    clock: Clock,
+    background: Background,
+    databases: Databases,
+    works: Mapping[str, Work],
 ) -> Iterator[Studio]:
     """A studio with nothing in it, which renders no videos."""
     if not settings.database_url:
         databases.new(settings.data_dir)
     # Seeds 1, 2, 3, ...: a test asks the same queries each time it runs.
     seed = count(1).__next__
-    studio = open_studio(settings, now=clock.now, seed=seed, background=background)
+    studio = open_studio(settings, now=clock.now, seed=seed, background=background, works=works)
     yield studio
     studio.close()
 

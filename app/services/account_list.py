@@ -87,7 +87,12 @@ def change_role(studio: Studio, email: str, role: Role, actor: str) -> None:
         _require_another_admin(session, account)
         account.role = role.value
         ended = ways_in.end_all(session, account).noted()
-        told = {"account": account.email, "before": before, "after": role.value, **ended}
+        told: dict[str, Any] = {
+            "account": account.email,
+            "before": before,
+            "after": role.value,
+            **ended,
+        }
         audit.note(session, studio.now(), actor, "role changed", **told)
 
 

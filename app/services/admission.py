@@ -206,7 +206,7 @@ def start(
         session.flush()
         state = session_state.describe(studio, session, row)
     if given.unfilled and mode == LIVE:
-        studio.faults.note(studio, Kind.UNFILLED, Where(slug=slug))
+        studio.faults.note(Kind.UNFILLED, Where(slug=slug))
     return token, state
 
 

@@ -15,20 +15,17 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 from enum import StrEnum
-from typing import TYPE_CHECKING
 
 from sqlalchemy import delete, select, update
 from sqlalchemy.engine import CursorResult
 from sqlalchemy.orm import Session
 
 from app.storage.arrivals import Reentry
+from app.storage.database import Database
 from app.storage.records import FaultCount
 from app.storage.tables import Candidate, Recording, SessionRow, Study
 
 from .tokens import secret_hash
-
-if TYPE_CHECKING:
-    from .studio import Studio
 
 log = logging.getLogger(__name__)
 
@@ -82,29 +79,31 @@ class _Fault:
 class FaultCounts:
     """What one process has counted and not yet written."""
 
-    def __init__(self) -> None:
+    def __init__(self, database: Database, now: Callable[[], datetime]) -> None:
+        self._database = database
+        self._now = now
         self._lock = threading.Lock()
         self._writing = threading.Lock()
         self._waiting: Counter[_Fault] = Counter()
         self._last: dict[_Fault, datetime] = {}
         self._not_before = 0.0
 
-    def count(self, studio: Studio, kind: Kind, where: Where) -> None:
+    def count(self, kind: Kind, where: Where) -> None:
         """It failed just now. Raises nothing."""
-        self.note(studio, kind, where)
+        self.note(kind, where)
         if time.monotonic() >= self._not_before:
-            self.write(studio)
+            self.write()
 
-    def note(self, studio: Studio, kind: Kind, where: Where) -> None:
+    def note(self, kind: Kind, where: Where) -> None:
         """The same in memory alone, for a caller that may not write; the next write takes it."""
-        now = studio.now()
+        now = self._now()
         fault = _Fault(kind, where, now.replace(minute=0, second=0, microsecond=0))
         with self._lock:
             if fault in self._waiting or len(self._waiting) < _MOST_WAITING:
                 self._waiting[fault] += 1
                 self._last[fault] = now
 
-    def write(self, studio: Studio) -> None:
+    def write(self) -> None:
         """Write what waits, unless another thread is at it. Raises nothing."""
         if not self._waiting or not self._writing.acquire(blocking=False):
             return
@@ -113,7 +112,7 @@ class FaultCounts:
                 waiting, self._waiting = self._waiting, Counter()
                 last, self._last = self._last, {}
             try:
-                with studio.database.write() as session:
+                with self._database.write() as session:
                     for fault, number in waiting.items():
                         _add(session, fault, number, last[fault])
             except Exception:
@@ -125,14 +124,15 @@ class FaultCounts:
             self._not_before = time.monotonic() + _BETWEEN_S
             self._writing.release()
 
-
-def sweep(studio: Studio, _stop: Callable[[], bool] = lambda: False) -> int:
-    """Forget what is older than `KEPT`; how many counts went."""
-    studio.faults.write(studio)
-    with studio.database.write() as session:
-        result = session.execute(delete(FaultCount).where(FaultCount.hour <= studio.now() - KEPT))
-        assert isinstance(result, CursorResult)
-        return result.rowcount
+    def delete_old(self) -> int:
+        """Delete the counts that are older than `KEPT`; returns their number."""
+        self.write()
+        with self._database.write() as session:
+            result = session.execute(
+                delete(FaultCount).where(FaultCount.hour <= self._now() - KEPT)
+            )
+            assert isinstance(result, CursorResult)
+            return result.rowcount
 
 
 def _add(session: Session, fault: _Fault, number: int, last_at: datetime) -> None:

@@ -91,7 +91,7 @@ def accept(studio: Studio, token: str, password: str) -> str:
                 raise InvitationError("This account is disabled. Ask an admin.")
             account.password_hash = hashed
             ended = ways_in.end_all(session, account).noted()
-            told = {"account": invited.email, **ended}
+            told: dict[str, Any] = {"account": invited.email, **ended}
             audit.note(session, now, invited.email, "password reset", **told)
     return invited.email
 

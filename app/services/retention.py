@@ -79,10 +79,10 @@ def run(
             log.exception("the retention sweep of %s failed", slug)
             swept.failed = True
             if not dry_run:
-                studio.faults.count(studio, Kind.RETENTION, Where(slug=slug))
+                studio.faults.count(Kind.RETENTION, Where(slug=slug))
         if swept != Swept():
             found[slug] = swept
-    studio.faults.write(studio)
+    studio.faults.write()
     return found
 
 

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib.util import find_spec
 from pathlib import Path
+from types import MappingProxyType
 
 from threadpoolctl import threadpool_limits
 
@@ -51,12 +52,12 @@ class Studio:
     secret: ServerSecret
     #: What a session knows a recording as.
     addresses: VideoAddresses
-    now: Callable[[], datetime] = field(default=utc_now)
-    seed: Callable[[], int] = field(default=new_seed)
+    now: Callable[[], datetime]
+    seed: Callable[[], int]
     #: What failed while people took part, until it is written.
-    faults: FaultCounts = field(default_factory=FaultCounts)
-    #: What jobs there can be; the doors add what services may not know.
-    works: dict[str, Work] = field(default_factory=dict)
+    faults: FaultCounts
+    #: The function of each kind of job.
+    works: Mapping[str, Work]
 
     def close(self) -> None:
         self.background.close()
@@ -72,11 +73,12 @@ def open_studio(
     seed: Callable[[], int] = new_seed,
     background: Background | None = None,
     restoring: bool = False,
+    works: Mapping[str, Work] = MappingProxyType({}),
 ) -> Studio:
     """Open the studio of `settings`, bringing its database to the newest schema.
 
     restoring: whether this is the restore that the database is under; others are refused until it
-    is done.
+    is done. works: functions of further kinds of job, which services may not import.
     Raises ConflictError.
     """
     # A fit takes some milliseconds on one processor, and several times that if every fit of every
@@ -115,8 +117,10 @@ def open_studio(
         secret=secret,
         addresses=VideoAddresses(secret),
         now=now,
+        faults=FaultCounts(database, now),
         seed=seed,
         works={
+            **works,
             transcode_job.KIND: transcode_job.transcode_draft,
             bundle_job.KIND: bundle_job.make_bundle,
         },

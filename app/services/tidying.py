@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable
 
-from . import fault_counts, left_videos, old_drafts, unconsented
+from . import left_videos, old_drafts, unconsented
 from .ethics import bundle
 from .studio import Studio
 
@@ -16,7 +16,7 @@ _SWEEPS: tuple[tuple[str, Callable[[Studio, Callable[[], bool]], int]], ...] = (
     ("sessions that never came to consent", unconsented.sweep),
     ("studies being made that nobody went on with", old_drafts.sweep),
     ("videos that no study has any more", left_videos.sweep),
-    ("old counts of faults", fault_counts.sweep),
+    ("old counts of faults", lambda studio, _stop: studio.faults.delete_old()),
     ("ethics bundles that nobody has any more", bundle.sweep),
 )
 

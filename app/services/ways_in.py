@@ -7,6 +7,7 @@ or the account itself is no longer what it was.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 from sqlalchemy import delete
 from sqlalchemy.orm import Session
@@ -22,7 +23,7 @@ class Ended:
     tokens: int
     links: int
 
-    def noted(self) -> dict[str, int]:
+    def noted(self) -> dict[str, Any]:
         """The same as details for the audit trail, without what there was none of."""
         counts = {"sign_ins": self.sign_ins, "tokens": self.tokens, "links": self.links}
         return {name: count for name, count in counts.items() if count}

@@ -24,7 +24,7 @@ def given(request: Request, slug: str, studio: Studio) -> Given:
     try:
         return recruitment.in_link(studio, slug, request.query_params.multi_items())
     except IdsRefusedError:
-        studio.faults.note(studio, Kind.UNREADABLE, Where(slug=slug))
+        studio.faults.note(Kind.UNREADABLE, Where(slug=slug))
         raise
 
 
@@ -36,4 +36,4 @@ def entry(request: Request) -> str | None:
 def note_unfilled(studio: Studio, slug: str, given: Given) -> None:
     """Have those who run the study told that somebody began by a link that was not filled in."""
     if given.unfilled:
-        studio.faults.note(studio, Kind.UNFILLED, Where(slug=slug))
+        studio.faults.note(Kind.UNFILLED, Where(slug=slug))

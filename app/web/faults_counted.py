@@ -53,7 +53,7 @@ async def _count(scope: Scope, status: int) -> None:
     where = _where(scope) if kind is not None else None
     if kind is not None and where is not None:
         studio: Studio = scope["app"].state.studio
-        await run_in_threadpool(studio.faults.count, studio, kind, where)
+        await run_in_threadpool(studio.faults.count, kind, where)
 
 
 def _kind(path: str, status: int) -> Kind | None:

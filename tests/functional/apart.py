@@ -10,12 +10,12 @@ from typing import Any
 import pytest
 from pydantic import SecretStr
 
-from app.services import accounts, design, studies
+from app.services import accounts, studies
 from app.services.accounts import Experimenter
 from app.services.recordings import make_video
 from app.services.settings import Settings
 from app.services.studio import Studio, open_studio
-from app.simulation import simulate_job
+from app.simulation import JOBS
 from app.storage.task_queue import RENDER, TaskQueue
 from tests.databases import Databases, PostgresServer
 
@@ -45,8 +45,7 @@ def settings(server: PostgresServer, tmp_path: Path) -> Settings:
 @pytest.fixture
 def studio(settings: Settings) -> Iterator[Studio]:
     """That of a server."""
-    studio = open_studio(settings)
-    studio.works[design.SIMULATE] = simulate_job
+    studio = open_studio(settings, works=JOBS)
     yield studio
     studio.close()
 

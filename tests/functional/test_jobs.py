@@ -18,7 +18,7 @@ from app.services.errors import ServiceError
 from app.services.in_process import InProcess
 from app.services.settings import Settings
 from app.services.studio import Studio, utc_now
-from app.services.work import Report
+from app.services.work import Report, Work
 from app.storage.records import Job
 from tests.conftest import Idle
 from tests.videos import write
@@ -71,8 +71,12 @@ def background() -> Background:
 
 
 @pytest.fixture
+def works() -> Mapping[str, Work]:
+    return {"good": good, "bad": bad}
+
+
+@pytest.fixture
 def desk(client: Api, studio: Studio) -> Desk:
-    studio.works.update(good=good, bad=bad)
     return Desk(client, studio, "mo@lab.example", Role.EXPERIMENTER)
 
 

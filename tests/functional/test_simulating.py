@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import pytest
@@ -12,7 +13,8 @@ from app.services.accounts import Role
 from app.services.background import Background
 from app.services.studies import StudyInfo
 from app.services.studio import Studio
-from app.simulation import completed_simulated, simulate_job
+from app.services.work import Work
+from app.simulation import JOBS, completed_simulated, simulate_job
 from app.storage.tables import SessionRow
 
 from .client import Api
@@ -27,8 +29,12 @@ def background() -> Background:
 
 
 @pytest.fixture
+def works() -> Mapping[str, Work]:
+    return JOBS
+
+
+@pytest.fixture
 def desk(client: Api, studio: Studio) -> Desk:
-    studio.works[design.SIMULATE] = simulate_job
     return Desk(client, studio, "mo@lab.example", Role.EXPERIMENTER)
 
 

@@ -13,7 +13,7 @@ import pytest
 from sqlalchemy import func, select
 from sqlalchemy.exc import OperationalError
 
-from app.services import fault_counts, participation
+from app.services import participation
 from app.services.accounts import Role
 from app.services.background import Queue
 from app.services.fault_counts import FaultCounts, Kind, Where
@@ -205,7 +205,7 @@ def test_what_is_a_persons_own_mistake_is_no_fault(desk: Desk, client: Api) -> N
 def test_faults_are_told_to_who_may_see_the_data_and_to_nobody_else(
     desk: Desk, client: Api, studio: Studio
 ) -> None:
-    studio.faults.count(studio, Kind.PAGE, SHORT)
+    studio.faults.count(Kind.PAGE, SHORT)
     reviewer = Desk(client, studio, "rev@board.example", Role.REVIEWER)
     answer = reviewer.get("/studies/short")
     assert answer.headers["location"] == "/studies/short/plan"
@@ -218,8 +218,8 @@ def test_counts_are_one_row_an_hour_and_are_gone_after_a_month(
 ) -> None:
     for seconds in (0, 60, 3600):
         clock.forward(seconds)
-        studio.faults.count(studio, Kind.CALL, SHORT)
-    studio.faults.write(studio)
+        studio.faults.count(Kind.CALL, SHORT)
+    studio.faults.write()
     with studio.database.read() as session:
         found = session.execute(
             select(FaultCount.number, FaultCount.last_at).order_by(FaultCount.hour)
@@ -231,25 +231,25 @@ def test_counts_are_one_row_an_hour_and_are_gone_after_a_month(
     clock.forward(7 * DAY)
     assert troubles(studio, short_study) == []
     clock.forward(23 * DAY)
-    assert fault_counts.sweep(studio) == 2
+    assert studio.faults.delete_old() == 2
 
 
 def test_an_open_page_learns_of_a_fault(studio: Studio, short_study: StudyInfo) -> None:
     before = stamp(studio, short_study.id, ["live"], 30)
-    studio.faults.count(studio, Kind.PAGE, SHORT)
+    studio.faults.count(Kind.PAGE, SHORT)
     assert stamp(studio, short_study.id, ["live"], 30) != before
 
 
 def test_a_flood_is_written_once_and_what_belongs_to_no_study_not_at_all(
     studio: Studio, short_study: StudyInfo
 ) -> None:
-    counts = FaultCounts()
+    counts = FaultCounts(studio.database, studio.now)
     for _ in range(50):
-        counts.count(studio, Kind.CALL, SHORT)
+        counts.count(Kind.CALL, SHORT)
     with studio.database.read() as session:
         assert session.scalar(select(func.sum(FaultCount.number))) == 1
-    counts.count(studio, Kind.CALL, Where(slug="gone"))
-    counts.count(studio, Kind.VIDEO, Where(recording="gone"))
-    counts.write(studio)
+    counts.count(Kind.CALL, Where(slug="gone"))
+    counts.count(Kind.VIDEO, Where(recording="gone"))
+    counts.write()
     with studio.database.read() as session:
         assert session.scalar(select(func.sum(FaultCount.number))) == 50

@@ -104,7 +104,7 @@ _SAID = {
 
 def troubles(studio: Studio, study: StudyInfo) -> list[Trouble]:
     """What went wrong within the last days, the latest first."""
-    studio.faults.write(studio)
+    studio.faults.write()
     since = studio.now() - SHOWN
     with studio.database.read() as session:
         found = [

@@ -19,7 +19,7 @@ from app.study import protocol
 from app.study.protocol import Stage
 from app.study.stages import PRACTICE_INDEX
 
-from . import queries, sessions, teachings, trials
+from . import queries, seen_events, sessions, teachings, trials
 from . import state as session_state
 from .course import Record, Shown, following, learned, lessons, replacement, teaches
 from .errors import (
@@ -38,6 +38,8 @@ from .thoughts import History
 
 #: Attempts at one place of a trial: whoever needs more will not see any video at all.
 MOST_ATTEMPTS = 20
+#: Pairs of one session that are set aside: a browser that shows so few videos shows no study.
+MOST_FAULTS = 100
 
 
 @dataclass(frozen=True)
@@ -49,6 +51,8 @@ class Answer:
     rt_ms: float | None = None
     skip_reason: str | None = None
     happenings: Sequence[Happening] = ()
+    #: How much more the browser saw than is told here.
+    left_out: int = 0
 
 
 @dataclass(frozen=True)
@@ -58,6 +62,7 @@ class FaultReport:
     query_id: str
     reason: str
     happenings: Sequence[Happening] = ()
+    left_out: int = 0
 
 
 def respond(studio: Studio, token: str, answer: Answer) -> State:
@@ -184,7 +189,7 @@ def _move_on(
     }
     insert_rows(session, Response, [given])
     session.expire(query, ["response"])
-    queries.store_events(session, row, query, answer.happenings)
+    seen_events.keep(session, row, query, answer.happenings, answer.left_out, now)
 
 
 def _go_on_practising(
@@ -220,13 +225,18 @@ def report_fault(studio: Studio, token: str, report: FaultReport) -> State:
             raise ConflictError(
                 f"expected at most {MOST_ATTEMPTS} attempts at one query; none of them played"
             )
+        if queries.number_set_aside(session, row) >= MOST_FAULTS:
+            raise ConflictError(
+                f"expected at most {MOST_FAULTS} pairs of a session that did not play, and there"
+                " are as many"
+            )
         trial = queries.trial_in_hand(row, query.trial.trial_index, query.trial.seed)
         space = studio.proposer.space(trial.study_id, trial.environment)
         instead = replacement(space, trial, tried, studio.recordings.can_be_had)
         now = studio.now()
         query.set_aside_at = now
         query.fault = report.reason
-        queries.store_events(session, row, query, report.happenings)
+        seen_events.keep(session, row, query, report.happenings, report.left_out, now)
         queries.close_events(session, row, query, "set_aside")
         session.add(trials.query_row(instead, now, trial_id=query.trial_id, attempt=len(tried)))
         row.last_seen_at = now

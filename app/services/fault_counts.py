@@ -16,8 +16,9 @@ from dataclasses import dataclass
 from datetime import datetime, timedelta
 from enum import StrEnum
 
-from sqlalchemy import delete, select, update
+from sqlalchemy import Update, delete, select, update
 from sqlalchemy.engine import CursorResult
+from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session
 
 from app.storage.arrivals import Reentry
@@ -46,6 +47,7 @@ class Kind(StrEnum):
     DATABASE = "database"
     CROWDED = "crowded"
     RETENTION = "retention"
+    EVENTS = "events"
     UNFILLED = "unfilled"
     UNREADABLE = "unreadable"
 
@@ -137,30 +139,40 @@ class FaultCounts:
 
 def _add(session: Session, fault: _Fault, number: int, last_at: datetime) -> None:
     study_id = _study_id(session, fault.where)
-    if study_id is None:
-        return
-    result = session.execute(
+    if study_id is not None:
+        add(session, study_id, fault.kind, number, last_at)
+
+
+def add(session: Session, study_id: int, kind: Kind, number: int, last_at: datetime) -> None:
+    """Count these within a transaction, in the hour of that moment."""
+    hour = last_at.replace(minute=0, second=0, microsecond=0)
+    counted = (
         update(FaultCount)
         .where(
             FaultCount.study_id == study_id,
-            FaultCount.kind == fault.kind.value,
-            FaultCount.hour == fault.hour,
+            FaultCount.kind == kind.value,
+            FaultCount.hour == hour,
         )
         .values(number=FaultCount.number + number, last_at=last_at)
         .execution_options(synchronize_session=False)
     )
+    if _changed(session, counted):
+        return
+    first = FaultCount(
+        study_id=study_id, kind=kind.value, hour=hour, number=number, last_at=last_at
+    )
+    try:
+        with session.begin_nested():
+            session.add(first)
+    except IntegrityError:
+        # Another process was the first in this hour.
+        _changed(session, counted)
+
+
+def _changed(session: Session, statement: Update) -> bool:
+    result = session.execute(statement)
     assert isinstance(result, CursorResult)
-    if result.rowcount == 0:
-        session.add(
-            FaultCount(
-                study_id=study_id,
-                kind=fault.kind.value,
-                hour=fault.hour,
-                number=number,
-                last_at=last_at,
-            )
-        )
-        session.flush()
+    return result.rowcount > 0
 
 
 def _study_id(session: Session, where: Where) -> int | None:

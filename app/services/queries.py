@@ -132,6 +132,16 @@ def read_attempts(session: Session, query: QueryRow) -> Record:
     return tuple(Shown(*(*row, None)) for row in rows)
 
 
+def number_set_aside(session: Session, row: SessionRow) -> int:
+    """How many queries of this session were set aside."""
+    statement = (
+        select(func.count(QueryRow.id))
+        .join(Trial, QueryRow.trial_id == Trial.id)
+        .where(Trial.session_id == row.id, QueryRow.set_aside_at.is_not(None))
+    )
+    return session.scalar(statement) or 0
+
+
 def store_events(
     session: Session, row: SessionRow, query: QueryRow, happenings: Iterable[Happening]
 ) -> None:

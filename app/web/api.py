@@ -141,6 +141,7 @@ def respond(body: Respond, studio: StudioDep, token: SessionToken) -> State:
         rt_ms=body.rt_ms,
         skip_reason=body.skip_reason,
         happenings=happenings,
+        left_out=body.events_left_out,
     )
     return answers.respond(studio, token, answer)
 
@@ -156,7 +157,7 @@ def undo_response(body: Undo, studio: StudioDep, token: SessionToken) -> State:
 @in_line
 def report_fault(body: ReportFault, studio: StudioDep, token: SessionToken) -> State:
     """Say that a video of the open query did not play: another one takes its place."""
-    report = FaultReport(body.query_id, body.reason, _happenings(body.events))
+    report = FaultReport(body.query_id, body.reason, _happenings(body.events), body.events_left_out)
     return answers.report_fault(studio, token, report)
 
 

@@ -14,6 +14,8 @@ from pydantic import (
 )
 from pydantic_core import PydanticCustomError
 
+from app.services.seen_events import LONGEST_VALUE, MOST_A_CALL, NAMES
+
 #: No text has a NUL: PostgreSQL holds none, and every database takes the same.
 Plain = Annotated[str, StringConstraints(pattern=r"^[^\x00]*$")]
 Key = Annotated[Plain, StringConstraints(min_length=1, max_length=60)]
@@ -107,24 +109,26 @@ class Answers(_In):
 class Happened(_In):
     """Something the browser saw while the query was on the screen."""
 
-    event: Plain = Field(min_length=1, max_length=40)
+    event: Plain = Field(
+        min_length=1, max_length=40, description=f"One of {', '.join(sorted(NAMES))}."
+    )
     side: Literal["left", "right"] | None = None
     time_ms: float = Field(ge=0, le=1e9, allow_inf_nan=False)
     value: Plain | float | int | bool | None = Field(None)
 
     @property
     def text(self) -> str | None:
-        return None if self.value is None else str(self.value)[:200]
+        return None if self.value is None else str(self.value)[:LONGEST_VALUE]
 
 
 #: What is looked at of the events of one call: the first ones, and the last, which tell how much
 #: was watched. The others are counted.
-FIRST_EVENTS: Final = 40
 LAST_EVENTS: Final = 20
+FIRST_EVENTS: Final = MOST_A_CALL - LAST_EVENTS
 _LEFT_OUT = "events_left_out"
 _EVENTS = (
-    f"What was seen. Of more than {FIRST_EVENTS + LAST_EVENTS}, the first {FIRST_EVENTS} and the"
-    f" last {LAST_EVENTS} are kept, and the others counted."
+    f"What was seen. Of more than {MOST_A_CALL}, the first {FIRST_EVENTS} and the last"
+    f" {LAST_EVENTS} are kept; the others, and those of other names, are counted."
 )
 
 

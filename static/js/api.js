@@ -13,8 +13,8 @@
  * }} State
  * @typedef {"left" | "right" | "skip"} Response
  * @typedef {{event: string, side: string | null, time_ms: number, value: number | string | null}} Evidence
- * @typedef {{query_id: string, response: Response, rt_ms: number, replays: number, skip_reason?: string, events: Evidence[]}} Answer
- * @typedef {{query_id: string, reason: string, events: Evidence[]}} Fault
+ * @typedef {{query_id: string, response: Response, rt_ms: number, replays: number, skip_reason?: string, events: Evidence[], events_left_out: number}} Answer
+ * @typedef {{query_id: string, reason: string, events: Evidence[], events_left_out: number}} Fault
  */
 
 /** A request that takes longer than this is taken for a broken line, and tried again. */

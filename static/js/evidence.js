@@ -3,13 +3,17 @@
  * Times are milliseconds since the pair came onto the page; `rt_ms` is counted from both videos playing.
  */
 
-/** A record longer than this says nothing more; it only gets heavier. */
-const MOST_EVENTS = 200;
+/** A record longer than this says nothing more; it only gets heavier. The server keeps 60. */
+const MOST_EVENTS = 48;
+
+/** What is told however long the record is: it comes once, at the end. */
+const ALWAYS = new Set(["pressed", "watched", "width", "dropped_frames", "worst_drift"]);
 
 export class EvidenceLog {
   replays = 0;
   /** @type {import("./api.js").Evidence[]} */
   #events = [];
+  #leftOut = 0;
   #shownAt = 0;
   #playingAt = NaN;
 
@@ -23,6 +27,7 @@ export class EvidenceLog {
   begin() {
     this.replays = 0;
     this.#events = [];
+    this.#leftOut = 0;
     this.#shownAt = performance.now();
     this.#playingAt = NaN;
     this.add("shown");
@@ -43,9 +48,11 @@ export class EvidenceLog {
    * @param {number | string | null} [value]
    */
   add(event, side = null, value = null) {
-    if (this.#events.length < MOST_EVENTS) {
-      this.#events.push({ event, side, time_ms: Math.round(performance.now() - this.#shownAt), value });
+    if (this.#events.length >= MOST_EVENTS && !ALWAYS.has(event)) {
+      this.#leftOut += 1;
+      return;
     }
+    this.#events.push({ event, side, time_ms: Math.round(performance.now() - this.#shownAt), value });
   }
 
   /**
@@ -63,6 +70,7 @@ export class EvidenceLog {
       rt_ms: Math.max(0, Math.round(pressedAt - this.#playingAt)),
       replays: this.replays,
       events: this.#close(pair),
+      events_left_out: this.#leftOut,
     };
   }
 
@@ -75,7 +83,7 @@ export class EvidenceLog {
    */
   fault(queryId, how, pair) {
     const seen = pair.clips.map(({ side, state }) => `${side}: ${state}`);
-    return { query_id: queryId, reason: [how, ...seen].join("; "), events: this.#close(pair) };
+    return { query_id: queryId, reason: [how, ...seen].join("; "), events: this.#close(pair), events_left_out: this.#leftOut };
   }
 
   /**

@@ -197,10 +197,15 @@ def _events_columns(_plan: Plan) -> tuple[Column, ...]:
         SESSION,
         TRIAL,
         QUERY,
-        text("event", "What happened: playback, focus, fullscreen."),
+        text(
+            "event",
+            "What happened: playback, focus, fullscreen; left_out where more came than is kept.",
+        ),
         text("side", "left or right, where it happened to one video."),
         number("time_ms", "Time since the query appeared.", "ms"),
-        text("value", "What the event carries, such as a number of replays."),
+        text(
+            "value", "What the event carries, such as a number of replays, or of events left out."
+        ),
     )
 
 

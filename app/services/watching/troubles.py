@@ -94,6 +94,13 @@ _SAID = {
         "Compare the link at the platform with the one under Recruit: each parameter stands in it"
         " once.",
     ),
+    Kind.EVENTS: _Said(
+        "event",
+        "came beyond what is kept of a pair or of a session: counted, and left out. The answers"
+        " that came with them are all there.",
+        "The table of events has left_out where it was, with the number. A page sends far fewer: a"
+        " program may be taking part, or a browser with a fault.",
+    ),
     Kind.RETENTION: _Said(
         "hourly sweep",
         "of what this study has promised to delete failed. Some of it may be there still.",

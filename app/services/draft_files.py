@@ -17,6 +17,7 @@ from app.study.plan_source import STUDY_FILE
 from app.study.recordings import FILE_COLUMN
 
 from . import uploads
+from .upload_names import clashes, name_fault
 from .uploads import UploadRefusedError
 
 VIDEO_ENDINGS = (".mp4", ".m4v", ".mov", ".webm", ".ogv", ".ogg", ".avi", ".mkv", ".mpg", ".mpeg")
@@ -42,15 +43,21 @@ def store(folder: Path, sent: Sequence[Sent], limit: int) -> list[str]:
             names.append(uploads.harmless(one.name))
         except UploadRefusedError as error:
             faults.extend(error.faults)
+    if not faults:
+        places = [
+            name if is_zip(one) else _place(folder, name)
+            for name, one in zip(names, sent, strict=True)
+        ]
+        plain = (place for place, one in zip(places, sent, strict=True) if not is_zip(one))
+        faults.extend(clashes(plain, folder))
     if faults:
         raise UploadRefusedError(faults)
     stored: list[str] = []
-    for name, one in zip(names, sent, strict=True):
+    for place, one in zip(places, sent, strict=True):
         left = limit - uploads.size_of(folder)
         if is_zip(one):
             stored.extend(uploads.unpack(one.content, folder, left))
             continue
-        place = _place(folder, name)
         uploads.keep(one.content, folder / place, left)
         stored.append(place)
     return stored
@@ -84,8 +91,15 @@ def settle(folder: Path) -> None:
         except (UnreadableFileError, csv.Error):
             continue
         for name in named:
+            if (
+                misplaced(name) is not None
+                or name_fault(name) is not None
+                or clashes([name], folder)
+            ):
+                # The check says what is wrong with it.
+                continue
             target = folder / name
-            if misplaced(name) is not None or target.exists():
+            if target.exists():
                 continue
             found = _called(folder, PurePosixPath(name).name)
             if len(found) == 1 and found[0].relative_to(folder).as_posix() not in named:

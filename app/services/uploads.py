@@ -7,9 +7,9 @@ wrong with it is named at once.
 
 from __future__ import annotations
 
+import io
 import shutil
 import stat
-import unicodedata
 import zipfile
 import zlib
 from collections.abc import Iterable
@@ -19,13 +19,12 @@ from typing import IO
 from app.study.shortening import shortened
 
 from .errors import ServiceError
+from .upload_names import clashes, name_fault, normal
 
 #: How many faults a refusal names; it counts the others.
 MOST_FAULTS_TOLD = 20
 #: A study of more files than this is a slip, or meant to fill the disk with names.
 MOST_FILES = 20_000
-#: A longer path does not fit every file system.
-LONGEST_NAME = 200
 #: Text and videos pack to no less than this part of their size; what packs better is a bomb.
 LARGEST_RATIO = 200
 #: Below this size a high ratio does no harm: a small file of one letter packs very well.
@@ -49,10 +48,10 @@ class UploadRefusedError(ServiceError):
 
 def harmless(name: str) -> str:
     """The name as a path within a study's folder. Raises UploadRefusedError."""
-    fault = _name_fault(name)
+    fault = name_fault(name)
     if fault is not None:
         raise UploadRefusedError([fault])
-    return _path(name).as_posix()
+    return normal(name).as_posix()
 
 
 def size_of(folder: Path) -> int:
@@ -63,16 +62,20 @@ def size_of(folder: Path) -> int:
 def keep(content: IO[bytes], target: Path, limit: int) -> int:
     """Write what was sent into a file, in the place of one of its name; its size in bytes.
 
-    The file appears whole or not at all. Raises UploadRefusedError beyond `limit` bytes.
+    The file appears whole or not at all. Raises UploadRefusedError beyond `limit` bytes, or
+    where no file can be written.
     """
-    target.parent.mkdir(parents=True, exist_ok=True)
     part = target.with_name(f".{target.name}.part")
     try:
-        with part.open("wb") as file:
-            size = _copy(content, file, limit, target.name)
-        part.replace(target)
-    finally:
-        part.unlink(missing_ok=True)
+        target.parent.mkdir(parents=True, exist_ok=True)
+        try:
+            with part.open("wb") as file:
+                size = _copy(content, file, limit, target.name)
+            part.replace(target)
+        finally:
+            part.unlink(missing_ok=True)
+    except OSError as error:
+        raise _unwritable(error) from None
     return size
 
 
@@ -85,29 +88,36 @@ def unpack(packed: IO[bytes], folder: Path, limit: int) -> list[str]:
     try:
         with zipfile.ZipFile(packed) as archive:
             entries = [entry for entry in archive.infolist() if not _is_litter(entry)]
-            faults = list(_faults(entries, limit))
+            faults = list(_faults(packed, entries, limit))
             if faults:
                 raise UploadRefusedError(faults)
-            return _extract(archive, entries, folder, limit)
+            most = max(RATIO_COUNTS_FROM, LARGEST_RATIO * _size(packed))
+            return _extract(archive, entries, folder, min(limit, most))
     except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError) as error:
         raise UploadRefusedError([f"Expected a zip, got a damaged one or none: {error}."]) from None
     except OSError as error:
-        raise UploadRefusedError(
-            [f"Expected files that can be written, got: {error.strerror or error}."]
-        ) from None
+        raise _unwritable(error) from None
+
+
+def _unwritable(error: OSError) -> UploadRefusedError:
+    said = error.strerror or type(error).__name__
+    return UploadRefusedError([f"Expected files that can be written, got: {said}."])
 
 
 def _extract(
     archive: zipfile.ZipFile, entries: list[zipfile.ZipInfo], folder: Path, limit: int
 ) -> list[str]:
     around = _folder_around([entry.filename for entry in entries])
+    places = [normal(entry.filename).relative_to(around) for entry in entries]
+    faults = clashes((place.as_posix() for place in places), folder)
+    if faults:
+        raise UploadRefusedError(faults)
     part = folder.with_name(f"{folder.name}.part")
     shutil.rmtree(part, ignore_errors=True)
     names = []
     try:
         left = limit
-        for entry in entries:
-            name = _path(entry.filename).relative_to(around)
+        for entry, name in zip(entries, places, strict=True):
             target = part / name
             target.parent.mkdir(parents=True, exist_ok=True)
             with archive.open(entry) as content, target.open("wb") as file:
@@ -131,7 +141,7 @@ def _copy(content: IO[bytes], file: IO[bytes], limit: int, name: str) -> int:
     return size
 
 
-def _faults(entries: list[zipfile.ZipInfo], limit: int) -> Iterable[str]:
+def _faults(packed: IO[bytes], entries: list[zipfile.ZipInfo], limit: int) -> Iterable[str]:
     if not entries:
         yield "Expected files in the zip, got none."
     if len(entries) > MOST_FILES:
@@ -141,18 +151,18 @@ def _faults(entries: list[zipfile.ZipInfo], limit: int) -> Iterable[str]:
     if total > limit:
         came = _megabytes(total)
         yield f"Expected at most {_megabytes(limit)} unpacked, and the zip says {came}."
-    seen: dict[str, str] = {}
+    size = _size(packed)
+    if total > max(RATIO_COUNTS_FROM, LARGEST_RATIO * size):
+        yield (
+            f"Expected a zip that packs to no less than 1/{LARGEST_RATIO} of what is in it, got"
+            f" {_megabytes(size)} that would grow to {_megabytes(total)}."
+        )
     for entry in entries:
         name = entry.filename
-        fault = _name_fault(name)
+        fault = name_fault(name)
         if fault is not None:
             yield fault
             continue
-        # Two names that differ in their case alone are one file on many systems.
-        folded = unicodedata.normalize("NFC", _path(name).as_posix()).casefold()
-        if folded in seen:
-            yield f"Expected each file once, got {name!r} and {seen[folded]!r}."
-        seen.setdefault(folded, name)
         kind = stat.S_IFMT(entry.external_attr >> 16)
         if kind not in (0, stat.S_IFREG):
             what = "a link" if kind == stat.S_IFLNK else "something else"
@@ -165,54 +175,15 @@ def _faults(entries: list[zipfile.ZipInfo], limit: int) -> Iterable[str]:
                 f"Expected files that pack to no less than 1/{LARGEST_RATIO} of their size,"
                 f" and {name!r} would grow to {_megabytes(entry.file_size)}."
             )
-    folders = {
-        parent.as_posix().casefold()
-        for name in seen.values()
-        for parent in _path(name).parents
-        if parent.parts
-    }
-    for folded in sorted(folders & set(seen)):
-        yield f"Expected a file or a folder, and {seen[folded]!r} is both."
+    yield from clashes(entry.filename for entry in entries if name_fault(entry.filename) is None)
 
 
-def _name_fault(name: str) -> str | None:
-    path = PurePosixPath(name)
-    parts = path.parts
-    wrong = (
-        (
-            not parts or not name.strip(),
-            "Expected files with a name, got one without.",
-        ),
-        (
-            len(name) > LONGEST_NAME,
-            f"Expected names of at most {LONGEST_NAME} characters, got {name[:40]!r}...",
-        ),
-        (
-            path.is_absolute() or (parts and ":" in parts[0]),
-            f"Expected names within the study's folder, got the absolute {name!r}.",
-        ),
-        (
-            ".." in parts,
-            f"Expected names within the study's folder, and {name!r} leads out of it.",
-        ),
-        (
-            "\\" in name,
-            f"Expected names with forward slashes, got {name!r}.",
-        ),
-        (
-            any(unicodedata.category(letter).startswith("C") for letter in name),
-            f"Expected names of letters that can be seen, got {name!r}.",
-        ),
-        (
-            any(part.startswith(".") for part in parts),
-            f"Expected no hidden files, got {name!r}.",
-        ),
-    )
-    return next((message for is_wrong, message in wrong if is_wrong), None)
-
-
-def _path(name: str) -> PurePosixPath:
-    return PurePosixPath(unicodedata.normalize("NFC", name))
+def _size(packed: IO[bytes]) -> int:
+    """Bytes of the zip itself, whatever it says of its parts."""
+    here = packed.tell()
+    size = packed.seek(0, io.SEEK_END)
+    packed.seek(here)
+    return size
 
 
 def _is_litter(entry: zipfile.ZipInfo) -> bool:
@@ -222,7 +193,7 @@ def _is_litter(entry: zipfile.ZipInfo) -> bool:
 
 def _folder_around(names: list[str]) -> PurePosixPath:
     """The one folder that everything is in, if everything is in one and the study is no higher."""
-    paths = [_path(name) for name in names]
+    paths = [normal(name) for name in names]
     first = paths[0].parts[0]
     is_around = all(len(path.parts) > 1 and path.parts[0] == first for path in paths)
     return (

@@ -13,6 +13,10 @@ _TOLD = re.compile(
 )
 
 
+#: A message repeats what came, and that may be a whole file.
+LONGEST_MESSAGE = 1_000
+
+
 @dataclass(frozen=True)
 class Told:
     """A fault in its parts, for a table: where in the line, what was expected, and what came."""
@@ -32,6 +36,12 @@ class Fault:
     file: str
     line: int | None
     message: str
+
+    def __post_init__(self) -> None:
+        if len(self.message) > LONGEST_MESSAGE:
+            half = LONGEST_MESSAGE // 2
+            short = f"{self.message[:half]} ... {self.message[-half:]}"
+            object.__setattr__(self, "message", short)
 
     @property
     def told(self) -> Told:

@@ -4,6 +4,9 @@ from pathlib import Path, PurePosixPath
 
 from app.study.faults import UnreadableFileError
 
+#: A table of 20,000 videos takes a tenth of it.
+LONGEST_TEXT = 20_000_000
+
 
 def within(root: Path, path: Path) -> bool:
     """Whether the path leads to somewhere inside the folder, links and `..` followed.
@@ -11,19 +14,37 @@ def within(root: Path, path: Path) -> bool:
     A study may come from somebody else: a link in it must not bring the server's own files into
     what evaluators and exports show.
     """
-    return path.resolve().is_relative_to(root.resolve())
+    try:
+        return path.resolve().is_relative_to(root.resolve())
+    except (OSError, RuntimeError):
+        # Links that lead to each other lead nowhere.
+        return False
+
+
+def is_file(path: Path) -> bool:
+    """Whether there is a file; a name that no file system takes is none."""
+    try:
+        return path.is_file()
+    except (OSError, ValueError):
+        return False
 
 
 def read_text(root: Path, path: Path) -> str:
-    """The file's text with line ends as \\n and without a byte order mark."""
-    if not path.is_file():
+    """The file's text with line ends as \\n and without a byte order mark.
+
+    Raises UnreadableFileError, also for a text that is longer than `LONGEST_TEXT`.
+    """
+    if not is_file(path):
         raise UnreadableFileError("expected a file of this name, there is none")
     if not within(root, path):
         raise UnreadableFileError("expected a file inside the study folder, got a link out of it")
     try:
-        content = path.read_bytes()
+        with path.open("rb") as file:
+            content = file.read(LONGEST_TEXT + 1)
     except OSError as error:
         raise UnreadableFileError(f"expected a file to read, got {error.strerror}") from error
+    if len(content) > LONGEST_TEXT:
+        raise UnreadableFileError(f"expected a text of at most {LONGEST_TEXT:,} bytes, got more")
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -39,6 +60,8 @@ def misplaced(name: str) -> str | None:
     if not name:
         return "expected the name of a file, got nothing"
     path = PurePosixPath(name)
+    if not path.parts:
+        return f"expected the name of a file, got {name!r}"
     if "\\" in name or "\0" in name or ":" in path.parts[0]:
         return f"expected a path with forward slashes such as videos/a.mp4, got {name!r}"
     if path.is_absolute() or ".." in path.parts:

@@ -8,7 +8,7 @@ from types import MappingProxyType
 
 from app.study.consistency import parameter_names
 from app.study.faults import Fault, StudyFaults, UnreadableFileError
-from app.study.files import misplaced, read_text
+from app.study.files import is_file, misplaced, read_text
 from app.study.known import missing_for_checks
 from app.study.plain import Inconsistency
 from app.study.plan import LANGUAGE_PATTERN, Plan
@@ -131,7 +131,7 @@ def _read_texts(
     texts: dict[str, dict[str, str]] = {language: {} for language in languages}
     faults: list[Fault] = []
     names: tuple[str, ...] = TEXT_NAMES
-    if any((folder / f"texts/{language}/{WELCOME}.md").exists() for language in languages):
+    if any(is_file(folder / f"texts/{language}/{WELCOME}.md") for language in languages):
         names = (WELCOME, *TEXT_NAMES)
     for language in languages:
         for name in names:

@@ -3,6 +3,7 @@
 import difflib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from itertools import islice
 from typing import Any, get_args
 
 from pydantic import BaseModel, ValidationError
@@ -16,6 +17,8 @@ from app.study.yaml_source import YamlSource, YamlSyntaxError, read_yaml
 
 STUDY_FILE = "study.yaml"
 LONGEST_VALUE_SHOWN = 60
+#: A file with more is of something else, and each of them costs time.
+MOST_FAULTS = 200
 NAME_MARK = "[key]"
 
 SettingsCheck = Callable[[Mapping[str, Any]], str | None]
@@ -42,11 +45,17 @@ def read_plan(text: str, settings_check: SettingsCheck | None = None) -> PlanRea
     try:
         plan = Plan.model_validate(source.data)
     except ValidationError as error:
-        found.extend(
-            _fault(source, _place(details), _message(details))
+        said = [
+            details
             for details in error.errors(include_url=False)
             if details["type"] != "inconsistent"
+        ]
+        found.extend(
+            _fault(source, _place(details), _message(details)) for details in said[:MOST_FAULTS]
         )
+        if len(said) > MOST_FAULTS:
+            message = f"expected `key: value` lines, got {len(said) - MOST_FAULTS} more faults"
+            found.append(Fault(STUDY_FILE, None, message))
         found.extend(
             _fault(source, inconsistency.place, inconsistency.message)
             for inconsistency in inconsistencies(source.data)
@@ -133,7 +142,8 @@ def shown(value: object) -> str:
     if isinstance(value, list | tuple):
         return "an empty list" if not value else f"a list of {len(value)}"
     if isinstance(value, Mapping):
-        return "an empty mapping" if not value else f"a mapping of {', '.join(map(str, value))}"
+        names = ", ".join(islice(map(str, value), 5)) + (", ..." if len(value) > 5 else "")
+        return "an empty mapping" if not value else f"a mapping of {names}"
     text = repr(value)
     shortened = text[: LONGEST_VALUE_SHOWN - 3] + "..."
     return text if len(text) <= LONGEST_VALUE_SHOWN else shortened

@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from app.study.faults import Fault, UnreadableFileError
-from app.study.files import misplaced, read_text, within
+from app.study.files import is_file, misplaced, read_text, within
 from app.study.looking import look
 from app.video.decoding import Decoder
 from app.video.facts import UnreadableVideoError
@@ -187,7 +187,7 @@ class RecordingsReader:
         first = self._rows_by_path.setdefault(path.resolve(), here)
         if first != here:
             raise _NoVideoError(f"expected each file once, got {cell!r} again (first in {first})")
-        if not path.is_file():
+        if not is_file(path):
             raise _NoVideoError(f"expected a video, there is no file {cell!r}")
         try:
             sha256 = _sha256(path)

@@ -9,7 +9,7 @@ from functools import partial
 from pathlib import Path
 
 from app.study.faults import UnreadableFileError
-from app.study.files import misplaced, read_text, within
+from app.study.files import is_file, misplaced, read_text, within
 from app.study.recordings import FILE_COLUMN
 from app.video.decoding import Decoder
 from app.video.facts import UnreadableVideoError
@@ -62,7 +62,7 @@ def _unplayable(folder: Path, decoder: Decoder) -> Iterator[tuple[Path, str, flo
             continue
         for cell in dict.fromkeys((row.get(FILE_COLUMN) or "").strip() for row in rows):
             path = table.parent / cell
-            if misplaced(cell) is not None or not path.is_file() or not within(folder, path):
+            if misplaced(cell) is not None or not is_file(path) or not within(folder, path):
                 continue
             try:
                 video = decoder.probe(path)

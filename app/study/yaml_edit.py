@@ -32,13 +32,25 @@ def edited(text: str, change: Callable[[CommentedMap], None]) -> str:
         first = source.problems[0]
         raise UneditableError(f"line {first.line}: {first.message}")
     yaml = _yaml()
+    written = io.StringIO()
     try:
         data = yaml.load(text)
-    except YAMLError as error:
-        raise UneditableError(f"expected plain YAML, got: {str(error).splitlines()[0]}") from error
-    change(data)
-    written = io.StringIO()
-    yaml.dump(data, written)
+        change(data)
+        yaml.dump(data, written)
+    except (
+        YAMLError,
+        ArithmeticError,
+        AssertionError,
+        AttributeError,
+        LookupError,
+        RecursionError,
+        TypeError,
+        ValueError,
+    ) as error:
+        # What PyYAML reads, ruamel.yaml may not: merge keys, tags, odd dates, comments in odd
+        # places. It raises whatever its own code runs into.
+        said = (str(error).splitlines() or [type(error).__name__])[0]
+        raise UneditableError(f"expected plain YAML, got: {said[:200]}") from error
     return written.getvalue()
 
 

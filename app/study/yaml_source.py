@@ -3,6 +3,7 @@
 PyYAML's own loader forgets the lines, and keeps the last of two equal keys without a word.
 """
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -13,6 +14,14 @@ from app.study.plain import Place, path_text
 # PyYAML's composer calls itself for every level: deeper than this is no study, and would exhaust
 # the stack.
 DEEPEST_LEVEL = 50
+#: PyYAML is slow: a longer text would keep a processor for minutes.
+LONGEST_TEXT = 100_000
+#: A longer number, or date, is a slip; one of 20,000 digits takes seconds to be read.
+LONGEST_NUMBER = 60
+#: What a database holds as a whole number.
+LARGEST_WHOLE = 2**63 - 1
+_UNSTORABLE = re.compile("[\0\ud800-\udfff]")
+_NUMBERS = frozenset(f"tag:yaml.org,2002:{name}" for name in ("int", "float", "timestamp"))
 
 
 @dataclass(frozen=True)
@@ -60,13 +69,41 @@ class _Reader:
             return self._mapping(node, place)
         if isinstance(node, yaml.SequenceNode):
             return [self.value(item, (*place, index)) for index, item in enumerate(node.value)]
+        return self._scalar(node)
+
+    def _scalar(self, node: yaml.Node) -> object:
+        came = _short(str(node.value))
+        if node.tag in _NUMBERS and len(node.value) > LONGEST_NUMBER:
+            raise YamlSyntaxError(
+                YamlProblem(
+                    _line(node),
+                    f"expected a number of at most {LONGEST_NUMBER} characters, or a text in"
+                    f" quotes, got {came}",
+                )
+            )
         try:
             scalar: object = self.constructor.construct_object(node)
-        except (yaml.YAMLError, ValueError) as error:
-            # A date such as 2024-13-01 has the form of one and is none.
+        except (
+            yaml.YAMLError,
+            ArithmeticError,
+            AttributeError,
+            LookupError,
+            TypeError,
+            ValueError,
+        ) as error:
+            # A date such as 2024-13-01 has the form of one and is none; `!!bool maybe` says that it
+            # is what it is not. PyYAML lets whatever its conversion raises through.
             raise YamlSyntaxError(
-                YamlProblem(_line(node), f"expected a value, got {node.value!r}")
+                YamlProblem(_line(node), f"expected a value, got {came}")
             ) from error
+        if isinstance(scalar, int) and abs(scalar) > LARGEST_WHOLE:
+            raise YamlSyntaxError(
+                YamlProblem(
+                    _line(node), f"expected a whole number of at most 18 digits, got {came}"
+                )
+            )
+        if isinstance(scalar, str):
+            _require_storable(node, scalar)
         return scalar
 
     def _mapping(self, node: yaml.MappingNode, place: Place) -> dict[str, object]:
@@ -78,6 +115,7 @@ class _Reader:
                 continue
             # As written: YAML would read the keys `no` and `on` as booleans.
             key = key_node.value
+            _require_storable(key_node, key)
             inner = (*place, key)
             if key in data:
                 message = f"{path_text(inner)}: expected each key once, got it again"
@@ -91,6 +129,10 @@ class _Reader:
 
 def read_yaml(text: str) -> YamlSource:
     """The mapping that a YAML text holds; raises YamlSyntaxError if it holds none."""
+    if len(text) > LONGEST_TEXT:
+        raise YamlSyntaxError(
+            YamlProblem(1, f"expected at most {LONGEST_TEXT:,} characters, got {len(text):,}")
+        )
     try:
         _refuse_aliases_and_depth(text)
         node = yaml.compose(text, Loader=yaml.SafeLoader)
@@ -128,6 +170,18 @@ def _refuse_aliases_and_depth(text: str) -> None:
         if depth > DEEPEST_LEVEL:
             message = f"expected at most {DEEPEST_LEVEL} levels, got more"
             raise YamlSyntaxError(YamlProblem(line, message))
+
+
+def _require_storable(node: yaml.Node, text: str) -> None:
+    """YAML can escape what no UTF-8 has (half a pair of surrogates) and no database takes (NUL)."""
+    odd = _UNSTORABLE.search(text)
+    if odd is not None:
+        message = f"expected letters that can be stored, got the character {odd[0]!a}"
+        raise YamlSyntaxError(YamlProblem(_line(node), message))
+
+
+def _short(text: str) -> str:
+    return repr(text if len(text) <= LONGEST_NUMBER else f"{text[:LONGEST_NUMBER]}...")
 
 
 def _line(node: yaml.Node | yaml.Event) -> int:

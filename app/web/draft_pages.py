@@ -12,14 +12,14 @@ from fastapi.responses import RedirectResponse, Response
 from app.services import access, drafts, jobs, old_drafts, transcode_job
 from app.services.accounts import Experimenter
 from app.services.drafts import Draft
-from app.services.errors import ConflictError, ForbiddenError
+from app.services.errors import ConflictError, ForbiddenError, NotFoundError
 from app.services.studio import Studio
 from app.services.uploads import UploadRefusedError
 from app.study.faults import StudyFaults
 
 from .desk import OwnForm, SignedIn, desk_page
 from .security import StudioDep
-from .uploading import sent_files, sent_form, text_in
+from .uploading import MOST_FILES, drain, sent_files, sent_form, text_in
 
 router = APIRouter(include_in_schema=False)
 
@@ -33,12 +33,15 @@ def new_study(request: Request, studio: StudioDep, caller: SignedIn) -> Response
 
 @router.post("/drafts")
 async def begin(request: Request, studio: StudioDep, caller: SignedIn) -> Response:
-    async with sent_form(request, studio) as form:
-        name, sent = text_in(form, "name"), sent_files(form)
-        try:
+    if not access.may_make_studies(caller):
+        await drain(request)
+        raise _no_maker(caller)
+    try:
+        async with sent_form(request, studio, caller) as form:
+            name, sent = text_in(form, "name"), sent_files(form)
             draft = await run_in_threadpool(drafts.begin, studio, caller, name, sent)
-        except UploadRefusedError as error:
-            return await run_in_threadpool(_new, request, studio, caller, error.faults)
+    except UploadRefusedError as error:
+        return await run_in_threadpool(_new, request, studio, caller, error.faults)
     return _to(draft)
 
 
@@ -49,14 +52,16 @@ def look(public_id: str, request: Request, studio: StudioDep, caller: SignedIn) 
 
 @router.post("/drafts/{public_id}/files")
 async def add(public_id: str, request: Request, studio: StudioDep, caller: SignedIn) -> Response:
-    draft = await run_in_threadpool(drafts.find, studio, caller, public_id)
-    async with sent_form(request, studio) as form:
-        try:
+    try:
+        draft = await run_in_threadpool(drafts.find, studio, caller, public_id)
+    except NotFoundError:
+        await drain(request)
+        raise
+    try:
+        async with sent_form(request, studio, caller) as form:
             await run_in_threadpool(drafts.add, studio, draft, sent_files(form))
-        except UploadRefusedError as error:
-            return await run_in_threadpool(
-                _draft_page, request, caller, draft, studio, error.faults
-            )
+    except UploadRefusedError as error:
+        return await run_in_threadpool(_draft_page, request, caller, draft, studio, error.faults)
     return _to(draft)
 
 
@@ -130,11 +135,15 @@ def _to(draft: Draft) -> Response:
     return RedirectResponse(f"/drafts/{draft.public_id}", status_code=303)
 
 
+def _no_maker(caller: Experimenter) -> ForbiddenError:
+    return ForbiddenError(f"{caller.email} ({caller.role.value}) may not make studies")
+
+
 def _new(
     request: Request, studio: Studio, caller: Experimenter, refused: Sequence[str] = ()
 ) -> Response:
     if not access.may_make_studies(caller):
-        raise ForbiddenError(f"{caller.email} ({caller.role.value}) may not make studies")
+        raise _no_maker(caller)
     return desk_page(
         request,
         caller,
@@ -143,6 +152,7 @@ def _new(
         status_code=_REFUSED if refused else 200,
         refused=refused,
         limit_mb=studio.settings.upload_limit_mb,
+        most_files=MOST_FILES,
     )
 
 
@@ -181,6 +191,7 @@ def _draft_page(
         present=present,
         refused=refused,
         limit_mb=studio.settings.upload_limit_mb,
+        most_files=MOST_FILES,
         kept_until=old_drafts.kept_until(studio, draft),
         kept_days=studio.settings.drafts_kept_days,
         job=jobs.newest(studio, transcode_job.KIND, draft=draft.public_id),

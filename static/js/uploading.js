@@ -18,7 +18,8 @@ for (const form of document.querySelectorAll("form[data-limit-mb]")) {
     }
     event.preventDefault();
     const size = Array.from(files.files ?? []).reduce((sum, file) => sum + file.size, 0);
-    tooMuch.hidden = size <= Number(form.dataset.limitMb) * 1e6;
+    const number = files.files?.length ?? 0;
+    tooMuch.hidden = size <= Number(form.dataset.limitMb) * 1e6 && number <= Number(form.dataset.mostFiles);
     if (!tooMuch.hidden) {
       return;
     }

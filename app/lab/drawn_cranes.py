@@ -16,10 +16,9 @@ from typing import Final
 
 import numpy as np
 
-from app.crane.dynamics import simulate
-from app.crane.environments import Environment, FloatArray, candidates, run_rng
-from app.crane.evaluation import score
+from app.crane.environments import Environment, FloatArray, candidates
 from app.crane.search import RANGES, build
+from app.lab.fast_runs import runs_at_once
 
 #: How many cranes settings are chosen on, and how many they are decided on; half of each kind.
 CHOOSING: Final = 10
@@ -32,7 +31,7 @@ LEAST_TO_FIND: Final = 25.0
 #: f(w*) in grams: below, no candidate comes near the ideal, and no study would be run.
 LEAST_BEST: Final = -70.0
 #: Runs of each candidate in the estimate.
-GLANCE: Final = 4
+GLANCE: Final = 25
 
 
 @cache
@@ -49,15 +48,6 @@ def drawn_crane(number: int) -> Environment:
 
 def glance(environment: Environment) -> FloatArray:
     """f of every candidate from a few runs, in grams; (231,)."""
-    weights = np.array(
-        [
-            [
-                simulate(
-                    environment, (float(a), float(b)), run_rng(environment.name, k, run)
-                ).weight
-                for run in range(GLANCE)
-            ]
-            for k, (a, b) in enumerate(candidates())
-        ]
-    )
-    return np.asarray(score(weights).mean(axis=1))
+    rng = np.random.default_rng([DRAW_SEED])
+    space = [(float(w0), float(w1)) for w0, w1 in candidates()]
+    return np.array([runs_at_once(environment, w, rng, GLANCE).mean() for w in space])

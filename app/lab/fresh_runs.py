@@ -6,9 +6,9 @@ differences between optimisers. f here is the mean of g over `RUNS` fresh seeded
 standard error below 1 g, and evaluators see one of those runs at random, as they would see a new
 run of a machine.
 
-Runs take up to a minute to simulate, so they are kept in a folder outside version control, each
-file named by a hash of what determines it. The hash covers the constants, the candidates and one
-run of each candidate, so that runs of another simulator are never taken for these.
+They are kept in a folder outside version control, each file named by a hash of what determines it:
+the constants, the candidates and one run of each candidate, so that runs of another simulator are
+never taken for these.
 """
 
 from __future__ import annotations
@@ -21,9 +21,8 @@ from typing import Final
 
 import numpy as np
 
-from app.crane.dynamics import simulate
 from app.crane.environments import Environment, FloatArray, candidates
-from app.crane.evaluation import score
+from app.lab.fast_runs import runs_at_once
 
 #: Fresh runs of each candidate.
 RUNS: Final = 400
@@ -44,8 +43,7 @@ def runs_of(
 ) -> FloatArray:
     """g of `count` seeded runs of one candidate, in grams; (count,). Always the same for the same
     arguments."""
-    rng = np.random.default_rng([FRESH_SEED, stream])
-    return score(np.array([simulate(environment, candidate, rng).weight for _ in range(count)]))
+    return runs_at_once(environment, candidate, np.random.default_rng([FRESH_SEED, stream]), count)
 
 
 def fresh_scores(

@@ -27,12 +27,13 @@ from app.pbbo.errors import (
     SeedError,
     SettingsError,
     SkipNotOfferedError,
+    SkipReasonError,
     UnknownMethodError,
     UnknownResponseError,
 )
 from app.pbbo.methods import METHODS, allows_skip, has_posterior
 from app.pbbo.optimizer import ENGINE_VERSION, PreferenceOptimizer
-from app.pbbo.preferences import RESPONSES, Preference, Query, Response
+from app.pbbo.preferences import RESPONSES, SKIP_REASONS, Preference, Query, Response, SkipReason
 from app.pbbo.score_optimizer import SCORE_METHODS, SCORE_PRESETS, ScoreOptimizer
 from app.pbbo.settings import PRESETS, ScoreSettings, Settings
 
@@ -43,6 +44,7 @@ __all__ = [
     "RESPONSES",
     "SCORE_METHODS",
     "SCORE_PRESETS",
+    "SKIP_REASONS",
     "CandidatesError",
     "FitError",
     "HistoryError",
@@ -60,6 +62,8 @@ __all__ = [
     "Settings",
     "SettingsError",
     "SkipNotOfferedError",
+    "SkipReason",
+    "SkipReasonError",
     "UnknownMethodError",
     "UnknownResponseError",
     "allows_skip",

@@ -7,6 +7,7 @@ normal variables, no more of them than the comparisons span.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import lapack
@@ -17,27 +18,54 @@ from app.pbbo.preferences import Preference
 from app.pbbo.variational import Answers
 
 
+class Comparison(NamedTuple):
+    """A probit observation of f_winner - f_loser + margin * delta > 0.
+
+    delta is the tie width, one latent value more; margin is 0 where it has no part in the
+    comparison, -1 in a choice and 1 in each half of a tie (`threshold`).
+    """
+
+    winner: int
+    loser: int
+    margin: int = 0
+
+
 @dataclass(frozen=True, eq=False)
 class Tally:
-    """Different answers and how often each was given.
+    """Different comparisons and how often each was made.
 
-    seen: (p,), the candidates in them, ascending.  winner, loser: (m,), places in `seen`.
+    seen: (p,), the latent values in them, ascending; delta, the largest number, is the last one if
+    any comparison has a margin.  winner, loser: (m,), places in `seen`.  margin: (m,), -1, 0 or 1.
     counts: (m,).
     """
 
     seen: IndexArray
     winner: IndexArray
     loser: IndexArray
+    margin: FloatArray
     counts: FloatArray
+
+    @property
+    def has_margins(self) -> bool:
+        """Whether delta has a part in any comparison."""
+        return bool(self.margin.any())
 
 
 def tally(preferences: Sequence[Preference]) -> Tally:
-    """Sorted, so that the order of the answers does not reach the arithmetic."""
-    pairs = np.array([(p.winner, p.loser) for p in preferences], dtype=np.intp)
-    different, counts = np.unique(pairs, axis=0, return_counts=True)
-    seen, place = np.unique(different, return_inverse=True)
-    place = place.reshape(different.shape)
-    return Tally(seen, place[:, 0], place[:, 1], counts.astype(np.float64))
+    """Answers counted; sorted, so that their order does not reach the arithmetic."""
+    return counted([Comparison(p.winner, p.loser) for p in preferences])
+
+
+def counted(comparisons: Sequence[Comparison], delta: int = -1) -> Tally:
+    """Comparisons counted. delta: the number of the tie width, above every other number."""
+    rows = np.array(comparisons, dtype=np.intp)  # (answers, 3)
+    different, counts = np.unique(rows, axis=0, return_counts=True)
+    seen, place = np.unique(different[:, :2], return_inverse=True)
+    place = place.reshape(len(different), 2)
+    margin = different[:, 2].astype(np.float64)
+    if margin.any():
+        seen = np.append(seen, delta)
+    return Tally(seen, place[:, 0], place[:, 1], margin, counts.astype(np.float64))
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,9 +94,13 @@ def whitened(
     whiten, _ = lapack.dtrtri(root, lower=1)  # (p, p)
     features = root[tally.winner] - root[tally.loser]  # (m, p)
     compared = np.unique(np.sort(np.column_stack([tally.winner, tally.loser]), axis=1), axis=0)
-    if len(compared) < len(root):
+    spanning = root[compared[:, 0]] - root[compared[:, 1]]
+    if tally.has_margins:
+        features = features + tally.margin[:, None] * root[-1]
+        spanning = np.vstack([spanning, root[-1]])
+    if len(spanning) < len(root):
         # Fewer pairs compared than candidates in them: only what the pairs span matters.
-        basis, _ = np.linalg.qr((root[compared[:, 0]] - root[compared[:, 1]]).T)
+        basis, _ = np.linalg.qr(spanning.T)
         features = features @ basis  # (m, r)
         whiten = basis.T @ whiten  # (r, p)
     features = features * np.reshape(sharpness, (-1, 1))

@@ -41,6 +41,10 @@ class SkipNotOfferedError(PbboError):
     """A skip came under a method that offers no skip."""
 
 
+class SkipReasonError(PbboError):
+    """A reason is unknown, came without a skip, or the method does not learn from it."""
+
+
 class ScoreError(PbboError):
     """A score told to a `ScoreOptimizer` is not a finite number, or not for what was asked."""
 

@@ -12,7 +12,6 @@ from collections.abc import Set
 from typing import Final
 
 import numpy as np
-from scipy.linalg import lapack
 from scipy.special import ndtr
 
 from app.pbbo.acquisition import allowed
@@ -23,6 +22,8 @@ from app.pbbo.model_averaging import Average
 # All pairs among this many candidates with the largest upper bounds are looked at. The pair chosen
 # of 231 candidates is the same in all but a few steps, at a tenth of the cost.
 SHORTLIST: Final = 80
+# Where one of a pair has to be known, so many of the known ones are listed besides.
+KNOWN_LISTED: Final = 20
 # The bound's height: mean + BOUND x boldness x standard deviation.
 BOUND: Final = 2.0
 # A part of the mixture that weighs less changes no choice worth its time.
@@ -31,10 +32,23 @@ LEAST_WEIGHT: Final = 0.01
 SQRT_2PI: Final = float(np.sqrt(2.0 * np.pi))
 
 
-def eubo_pair(belief: Average, boldness: float, last: Set[int]) -> tuple[int, int]:
-    """The pair with the largest expected utility of its better candidate, but not `last` again."""
-    listed = shortlist(belief, boldness)
+def eubo_pair(
+    belief: Average,
+    boldness: float,
+    last: Set[int],
+    known: IndexArray | None = None,
+    barred: IndexArray | None = None,
+) -> tuple[int, int]:
+    """The pair with the largest expected utility of its better candidate, but not `last` again.
+
+    known: if given, one of the pair is among these rows.  barred: rows that no pair may have.
+    """
+    listed = shortlist(belief, boldness, known, barred)
     row, column = np.triu_indices(len(listed), 1)
+    if known is not None:
+        with_known = np.isin(listed, known)
+        pairs = with_known[row] | with_known[column]
+        row, column = row[pairs], column[pairs]
     utility = np.zeros(len(row))
     for part, weight in zip(belief.parts, belief.weights, strict=True):
         if weight >= LEAST_WEIGHT:
@@ -44,19 +58,39 @@ def eubo_pair(belief: Average, boldness: float, last: Set[int]) -> tuple[int, in
         first, second = int(listed[row[pair]]), int(listed[column[pair]])
         if allowed(first, second, n, last):
             return first, second
-    raise AssertionError("of three candidates or more two pairs differ, of two any may be shown")
+    # All but the last pair is barred: it is shown again rather than nothing.
+    if len(row):
+        return int(listed[row[0]]), int(listed[column[0]])
+    raise AssertionError("expected two candidates at least that may be shown")
 
 
-def shortlist(belief: Average, boldness: float) -> IndexArray:
-    """The candidates that may be the better of a pair, ascending; the best by mean among them."""
-    hopeful = np.argsort(-(belief.mean + BOUND * boldness * belief.std), kind="stable")
-    return np.unique(np.append(hopeful[:SHORTLIST], np.argmax(belief.mean)))
+def shortlist(
+    belief: Average,
+    boldness: float,
+    known: IndexArray | None = None,
+    barred: IndexArray | None = None,
+) -> IndexArray:
+    """The candidates that may be the better of a pair, ascending; the best by mean among them.
+
+    known: those of these rows with the largest upper bounds are listed too.
+    """
+    bound = belief.mean + BOUND * boldness * belief.std
+    mean = belief.mean
+    if barred is not None and len(barred):
+        bound, mean = bound.copy(), mean.copy()
+        bound[barred] = mean[barred] = -np.inf
+    hopeful = np.argsort(-bound, kind="stable")[:SHORTLIST]
+    listed = np.append(hopeful, np.argmax(mean))
+    if known is not None:
+        listed = np.append(listed, known[np.argsort(-bound[known], kind="stable")[:KNOWN_LISTED]])
+    listed = np.unique(listed)
+    return listed[np.isfinite(bound[listed])]
 
 
 def expected_best(part: Posterior, listed: IndexArray, boldness: float) -> FloatArray:
     """E[max(f_a, f_b)] over all pairs of the listed candidates; (k, k)."""
     mean = part.mean[listed]
-    covariance = covariance_of(part, listed)
+    covariance = part.covariance(listed)
     own = np.diagonal(covariance)
     variance = own[:, None] + own[None, :] - 2.0 * covariance
     # The deviation of a candidate from itself is 0; the floor keeps the quotient finite.
@@ -66,13 +100,3 @@ def expected_best(part: Posterior, listed: IndexArray, boldness: float) -> Float
     z = gap / deviation
     density = np.exp(-0.5 * z * z) / SQRT_2PI
     return np.asarray(mean[None, :] + gap * ndtr(z) + deviation * density)
-
-
-def covariance_of(part: Posterior, listed: IndexArray) -> FloatArray:
-    """The posterior covariance of the listed candidates; (k, k)."""
-    prior = part.prior.covariance[np.ix_(listed, listed)]
-    if not len(part.seen):
-        return prior
-    reach = part.reach[listed]
-    spread, _ = lapack.dtrtrs(part.q.root, reach.T, lower=1)
-    return np.asarray(prior - reach @ reach.T + spread.T @ spread)

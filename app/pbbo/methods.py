@@ -3,7 +3,8 @@
 from dataclasses import dataclass
 from typing import Final
 
-from app.pbbo.errors import UnknownMethodError
+from app.pbbo.errors import SkipNotOfferedError, SkipReasonError, UnknownMethodError
+from app.pbbo.preferences import Response, SkipReason, checked_reason
 
 
 @dataclass(frozen=True)
@@ -12,18 +13,38 @@ class Method:
     model: whether a posterior is kept (the knockout baseline has none).  threshold: whether skips
     and choices also tell of an acceptability threshold, and length scales are averaged."""
 
+    name: str
     skip: bool
     synthesis: bool
     model: bool
     threshold: bool = False
 
+    def understood(self, response: Response, reason: object) -> tuple[Response, SkipReason | None]:
+        """A response with its reason, or a named error where this method takes no such thing."""
+        if response == "skip" and not self.skip:
+            raise SkipNotOfferedError(
+                f"response: expected left or right, got skip; {self.name} offers no skip"
+            )
+        if reason is None:
+            return response, None
+        if response != "skip":
+            raise SkipReasonError(f"reason: expected none for {response}, got {reason!r}")
+        if not self.threshold:
+            raise SkipReasonError(
+                f"reason: expected none, since {self.name} does not learn from it, got {reason!r}"
+            )
+        return response, checked_reason(reason)
+
 
 _METHODS: Final = {
-    "pbpo": Method(skip=True, synthesis=True, model=True),
-    "pbpo-no-synthesis": Method(skip=True, synthesis=False, model=True),
-    "pbpo-no-skip": Method(skip=False, synthesis=False, model=True),
-    "knockout": Method(skip=False, synthesis=False, model=False),
-    "pbpo-threshold": Method(skip=True, synthesis=False, model=True, threshold=True),
+    method.name: method
+    for method in (
+        Method("pbpo", skip=True, synthesis=True, model=True),
+        Method("pbpo-no-synthesis", skip=True, synthesis=False, model=True),
+        Method("pbpo-no-skip", skip=False, synthesis=False, model=True),
+        Method("knockout", skip=False, synthesis=False, model=False),
+        Method("pbpo-threshold", skip=True, synthesis=False, model=True, threshold=True),
+    )
 }
 
 METHODS: Final = tuple(_METHODS)

@@ -16,10 +16,13 @@ from scipy.linalg import lapack
 from app.pbbo.candidates import Candidates, FloatArray, IndexArray
 from app.pbbo.comparisons import Tally, tally, whitened
 from app.pbbo.errors import FitError
+from app.pbbo.point_prior import PointPrior
 from app.pbbo.preferences import Preference
 from app.pbbo.prior import Prior, prior_over
 from app.pbbo.settings import Settings
 from app.pbbo.variational import Gaussian, fit
+
+AnyPrior = Prior | PointPrior
 
 # The posterior variance at a candidate is a difference; rounding may take it below zero.
 SMALLEST_VARIANCE_SHARE: Final = 1e-12
@@ -34,7 +37,7 @@ class Posterior:
     data.  q: the Gaussian over z.
     """
 
-    prior: Prior
+    prior: AnyPrior
     mean: FloatArray
     std: FloatArray
     reach: FloatArray
@@ -49,6 +52,8 @@ class Posterior:
 
     def draw(self, rng: np.random.Generator, count: int) -> FloatArray:
         """Functions from the posterior over all candidates; (n, count)."""
+        if not isinstance(self.prior, Prior):
+            raise TypeError("draw: expected a prior that keeps its factor, got one that does not")
         prior = self.prior.draw(rng, count)
         if not len(self.seen):
             return prior
@@ -57,12 +62,21 @@ class Posterior:
         drawn = self.q.mean[:, None] + spread
         return np.asarray(prior + self.reach @ (drawn - self.whiten @ prior[self.seen]))
 
+    def covariance(self, rows: IndexArray) -> FloatArray:
+        """The posterior covariance of these values; (rows, rows)."""
+        prior = self.prior.block(rows)
+        if not len(self.seen):
+            return prior
+        reach = self.reach[rows]
+        spread, _ = lapack.dtrtrs(self.q.root, reach.T, lower=1)
+        return np.asarray(prior - reach @ reach.T + spread.T @ spread)
+
 
 def belief_over(
     candidates: Candidates,
     preferences: Sequence[Preference],
     settings: Settings,
-    prior: Prior | None = None,
+    prior: AnyPrior | None = None,
 ) -> Posterior:
     """What the settings make of these preferences, over all candidates; `FitError` if nothing.
 
@@ -85,14 +99,14 @@ def belief_over(
         raise FitError(f"model: {error} ({len(preferences)} preferences)") from error
 
 
-def unlearned(prior: Prior) -> Posterior:
+def unlearned(prior: AnyPrior) -> Posterior:
     """The posterior given nothing: the prior."""
     n = len(prior)
     nothing = Gaussian(np.zeros(0), np.zeros((0, 0)), np.zeros(0), 0.0)
     return Posterior(
         prior=prior,
         mean=np.zeros(n),
-        std=np.sqrt(np.diagonal(prior.covariance)),
+        std=np.sqrt(prior.variance),
         reach=np.zeros((n, 0)),
         whiten=np.zeros((0, 0)),
         seen=np.zeros(0, dtype=np.intp),
@@ -100,20 +114,43 @@ def unlearned(prior: Prior) -> Posterior:
     )
 
 
-def posterior_of(
-    prior: Prior, counted: Tally, epsilon: float, sharpness: FloatArray | float = 1.0
-) -> Posterior:
-    """The posterior over all candidates given at least one answer, or `FitError`."""
-    seen = counted.seen
-    data = whitened(counted, prior.covariance[np.ix_(seen, seen)], epsilon, sharpness)
-    q = fit(data.answers)
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """What was learned of the values compared: q over z = whiten @ f[seen]; see `Posterior`."""
 
-    reach = prior.covariance[:, seen] @ data.whiten.T  # (n, r)
+    seen: IndexArray
+    whiten: FloatArray
+    q: Gaussian
+
+
+def fitted(
+    covariance: FloatArray, counted: Tally, epsilon: float, sharpness: FloatArray | float = 1.0
+) -> Fit:
+    """The fit to at least one comparison, or `FitError`; covariance: (p, p), prior, of those seen.
+
+    sharpness: as for `whitened`.
+    """
+    data = whitened(counted, covariance, epsilon, sharpness)
+    return Fit(counted.seen, data.whiten, fit(data.answers))
+
+
+def posterior_over(prior: AnyPrior, learned: Fit) -> Posterior:
+    """What the fit says of every value of the prior, in which its values are numbered alike."""
+    q = learned.q
+    reach = prior.columns(learned.seen) @ learned.whiten.T  # (n, r)
     spread, _ = lapack.dtrtrs(q.root, reach.T, lower=1)  # (r, n)
-    own = np.diagonal(prior.covariance)
+    own = prior.variance
     variance = own - np.einsum("ij,ij->i", reach, reach) + np.einsum("ij,ij->j", spread, spread)
     mean = reach @ q.mean
     if not (np.isfinite(mean).all() and np.isfinite(variance).all()):
         raise FitError("model: the posterior is not finite")
     std = np.sqrt(np.maximum(variance, SMALLEST_VARIANCE_SHARE * own))
-    return Posterior(prior, mean, std, reach, data.whiten, seen, q)
+    return Posterior(prior, mean, std, reach, learned.whiten, learned.seen, q)
+
+
+def posterior_of(
+    prior: AnyPrior, counted: Tally, epsilon: float, sharpness: FloatArray | float = 1.0
+) -> Posterior:
+    """The posterior over all values given at least one comparison, or `FitError`."""
+    learned = fitted(prior.block(counted.seen), counted, epsilon, sharpness)
+    return posterior_over(prior, learned)

@@ -6,28 +6,37 @@ averaging costs one fit per length scale. The weights are those of Bayesian mode
 prior that favours none, with the evidence lower bound for the log evidence.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Final, TypeVar
 
 import numpy as np
+from scipy.linalg import lapack
 
-from app.pbbo.candidates import Candidates, FloatArray
-from app.pbbo.comparisons import tally
+from app.pbbo.candidates import Candidates, FloatArray, IndexArray
+from app.pbbo.comparisons import counted
 from app.pbbo.errors import FitError
-from app.pbbo.model import Posterior, posterior_of, unlearned
+from app.pbbo.model import Fit, Posterior, fitted, posterior_of, posterior_over, unlearned
+from app.pbbo.point_prior import PointPrior
 from app.pbbo.preferences import Preference
-from app.pbbo.prior import prior_over
+from app.pbbo.prior import LARGEST_KEPT, Prior, prior_over
 from app.pbbo.settings import Settings
 from app.pbbo.synthesis import Skip
-from app.pbbo.threshold import prior_with_threshold, sharpness, with_threshold
+from app.pbbo.threshold import latent_variances, prior_with_threshold, sharpness, with_threshold
+
+Part = TypeVar("Part")
+
+# Raised to the diagonal of a covariance that functions are drawn from, as a share of its largest
+# entry: the first that factorises.
+DRAW_JITTERS: Final = (1e-9, 1e-7, 1e-5)
 
 
 @dataclass(frozen=True, eq=False)
 class Average:
-    """A mixture of posteriors over n candidates and, behind them, the threshold.
+    """A mixture of posteriors over n candidates and, behind them, the threshold and tie width.
 
     parts: one for each length scale that could be fitted.  weights: as many, their sum 1.
-    mean, std: (n,), of the candidates.  threshold: mean and standard deviation.
+    mean, std: (n,), of the candidates.  threshold, tie_width: mean and standard deviation.
     """
 
     parts: tuple[Posterior, ...]
@@ -35,11 +44,29 @@ class Average:
     mean: FloatArray
     std: FloatArray
     threshold: tuple[float, float]
+    tie_width: tuple[float, float]
 
-    def draw(self, rng: np.random.Generator, count: int) -> FloatArray:
-        """Functions from the mixture over the candidates; (n, count)."""
-        chosen = rng.choice(len(self.parts), size=count, p=self.weights)
-        return np.column_stack([self.parts[part].draw(rng, 1)[:-1, 0] for part in chosen])
+    def draw(self, rng: np.random.Generator, count: int, rows: IndexArray) -> FloatArray:
+        """Functions from the mixture at these candidates; (rows, count)."""
+        shares = rng.multinomial(count, self.weights)
+        drawn = []
+        for part, share in zip(self.parts, shares, strict=True):
+            if share:
+                root = root_of(part.covariance(rows))
+                noise = rng.standard_normal((int(share), len(rows))).T
+                drawn.append(part.mean[rows][:, None] + root @ noise)
+        return np.hstack(drawn)
+
+
+def root_of(covariance: FloatArray) -> FloatArray:
+    """Lower Cholesky factor of a covariance that rounding may have made indefinite."""
+    scale = float(np.diagonal(covariance).max())
+    for jitter in DRAW_JITTERS:
+        raised = covariance + jitter * scale * np.eye(len(covariance))
+        root, info = lapack.dpotrf(raised, lower=1, clean=1)
+        if info == 0:
+            return np.asarray(root)
+    raise FitError(f"draw: the covariance of {len(covariance)} candidates does not factorise")
 
 
 def average_over(
@@ -49,48 +76,121 @@ def average_over(
     settings: Settings,
 ) -> Average:
     """What the answers and skips say about the candidates and the threshold, or `FitError`."""
-    comparisons = with_threshold(preferences, skips, len(candidates))
-    counted = tally(comparisons) if comparisons else None
-    # Length scales are given for two parameters; typical distances grow with the root of how many.
-    stretch = float(np.sqrt(candidates.points.shape[1] / 2.0))
-    parts: list[Posterior] = []
+    n, dimensions = candidates.points.shape
+    if n > LARGEST_KEPT:
+        parts = fitted_parts(candidates.points, preferences, skips, settings)
+        return predicted(candidates.points, parts, settings)
+
+    def prior_at(length_scale: float) -> Prior:
+        prior = prior_over(candidates, length_scale, settings.signal_variance)
+        return prior_with_threshold(prior, settings.signal_variance)
+
+    comparisons = with_threshold(preferences, skips, n)
+    if not comparisons:
+        return averaged(
+            [unlearned(prior_at(scale)) for scale in length_scales(settings, dimensions)], n
+        )
+    tally = counted(comparisons, n + 1)
+    noise = sharpness(tally, n, settings.threshold_noise)
+    return averaged(
+        of_each_scale(
+            lambda scale: posterior_of(prior_at(scale), tally, settings.threshold_epsilon, noise),
+            length_scales(settings, dimensions),
+        ),
+        n,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class FittedScale:
+    """What was learned at one length scale, from comparisons of n points.
+
+    learned: None if there was nothing to learn from.
+    """
+
+    length_scale: float
+    n: int
+    learned: Fit | None
+
+
+def fitted_parts(
+    seen: FloatArray,
+    preferences: Sequence[Preference],
+    skips: Sequence[Skip],
+    settings: Settings,
+    excluded: Sequence[int] = (),
+) -> list[FittedScale]:
+    """The fits at all length scales; seen: (n, d), the points that answers name by their rows."""
+    n, dimensions = seen.shape
+    scales = length_scales(settings, dimensions)
+    comparisons = with_threshold(preferences, skips, n, excluded)
+    if not comparisons:
+        return [FittedScale(scale, n, None) for scale in scales]
+    tally = counted(comparisons, n + 1)
+    noise = sharpness(tally, n, settings.threshold_noise)
+    extra = latent_variances(settings.signal_variance)
+
+    def fit_at(scale: float) -> FittedScale:
+        prior = PointPrior(seen, scale, settings.signal_variance, extra)
+        covariance = prior.block(tally.seen)
+        learned = fitted(covariance, tally, settings.threshold_epsilon, noise)
+        return FittedScale(scale, n, learned)
+
+    return of_each_scale(fit_at, scales)
+
+
+def predicted(points: FloatArray, parts: Sequence[FittedScale], settings: Settings) -> Average:
+    """What the fits say of these points (k, d), whose first rows are those that were fitted to."""
+    extra = latent_variances(settings.signal_variance)
+    posteriors = []
+    for part in parts:
+        prior = PointPrior(points, part.length_scale, settings.signal_variance, extra)
+        if part.learned is None:
+            posteriors.append(unlearned(prior))
+            continue
+        # The threshold and the tie width stay behind the last point.
+        seen = part.learned.seen
+        seen = np.where(seen < part.n, seen, seen + len(points) - part.n)
+        learned = Fit(seen, part.learned.whiten, part.learned.q)
+        posteriors.append(posterior_over(prior, learned))
+    return averaged(posteriors, len(points))
+
+
+def length_scales(settings: Settings, dimensions: int) -> list[float]:
+    """Length scales are given for two parameters; typical distances grow with the root of how
+    many there are."""
+    stretch = float(np.sqrt(dimensions / 2.0))
+    return [stretch * scale for scale in settings.threshold_length_scales]
+
+
+def of_each_scale(fit_at: Callable[[float], Part], scales: Sequence[float]) -> list[Part]:
+    """What can be fitted; `FitError` if no length scale can."""
+    parts: list[Part] = []
     failures: list[str] = []
-    for length_scale in settings.threshold_length_scales:
+    for scale in scales:
         try:
-            prior = prior_with_threshold(
-                prior_over(candidates, stretch * length_scale, settings.signal_variance),
-                settings.signal_variance,
-            )
-            parts.append(
-                unlearned(prior)
-                if counted is None
-                else posterior_of(
-                    prior,
-                    counted,
-                    settings.threshold_epsilon,
-                    sharpness(counted, len(candidates), settings.threshold_noise),
-                )
-            )
+            parts.append(fit_at(scale))
         except (FitError, np.linalg.LinAlgError) as error:
-            failures.append(f"length scale {length_scale:g}: {error}")
+            failures.append(f"length scale {scale:g}: {error}")
     if not parts:
         raise FitError(f"average: expected a fit for one length scale at least; {failures}")
-    return averaged(parts)
+    return parts
 
 
-def averaged(parts: Sequence[Posterior]) -> Average:
-    """The mixture of these posteriors, weighted by evidence."""
+def averaged(parts: Sequence[Posterior], n: int) -> Average:
+    """The mixture of these posteriors over n candidates, weighted by evidence."""
     bounds = np.array([part.bound for part in parts])
     weights = np.exp(bounds - bounds.max())
     weights /= weights.sum()
-    means = np.array([part.mean for part in parts])  # (parts, n + 1)
+    means = np.array([part.mean for part in parts])  # (parts, n + 2)
     stds = np.array([part.std for part in parts])
     mean = weights @ means
     std = np.sqrt(weights @ (stds**2 + (means - mean) ** 2))
     return Average(
         parts=tuple(parts),
         weights=weights,
-        mean=mean[:-1],
-        std=std[:-1],
-        threshold=(float(mean[-1]), float(std[-1])),
+        mean=mean[:n],
+        std=std[:n],
+        threshold=(float(mean[n]), float(std[n])),
+        tie_width=(float(mean[n + 1]), float(std[n + 1])),
     )

@@ -19,21 +19,28 @@ from app.pbbo.errors import (
     QueryNotAskedError,
     SettingsError,
     SkipNotOfferedError,
+    SkipReasonError,
     UnknownResponseError,
 )
 from app.pbbo.farthest_point import farthest_points
 from app.pbbo.knockout import challenger
 from app.pbbo.methods import method_named
 from app.pbbo.one_thread import one_thread
-from app.pbbo.preferences import Preference, Query, Response, TrialType, checked_response
+from app.pbbo.preferences import (
+    Preference,
+    Query,
+    Response,
+    SkipReason,
+    TrialType,
+    checked_response,
+)
 from app.pbbo.randomness import Purpose, checked_seed, generator
 from app.pbbo.settings import Settings
 from app.pbbo.synthesis import Learned
 
 if TYPE_CHECKING:
-    from app.pbbo.model import Posterior
+    from app.pbbo.model import AnyPrior, Posterior
     from app.pbbo.model_averaging import Average
-    from app.pbbo.prior import Prior
 
 # Part of every recorded query. Raise it whenever the same history and seed may give another query.
 ENGINE_VERSION = "2"
@@ -68,13 +75,13 @@ class PreferenceOptimizer:
         self._pending: Query | None = None
         self._belief: Posterior | Average | FitError | None = None
         # Depends on the candidates and the settings alone: kept between fits, never learned.
-        self._prior: Prior | None = None
+        self._prior: AnyPrior | None = None
 
     @classmethod
     def replay(
         cls,
         candidates: Any,
-        history: Iterable[tuple[int, int, str]],
+        history: Iterable[tuple[int, int, str] | tuple[int, int, str, str | None]],
         *,
         method: str = "pbpo",
         seed: int = 0,
@@ -82,12 +89,12 @@ class PreferenceOptimizer:
     ) -> Self:
         """The optimiser after exactly these (left, right, response), oldest first.
 
-        The queries are taken as stored, whether or not this version would have asked them.
+        An entry may have the reason of a skip as a fourth part. The queries are taken as stored,
+        whether or not this version would have asked them.
         """
         optimizer = cls(candidates, method, seed, settings)
         for place, entry in enumerate(history):
-            left, right, response = optimizer._checked_entry(place, entry)
-            optimizer._record(left, right, response)
+            optimizer._record(*optimizer._checked_entry(place, entry))
         return optimizer
 
     def ask(self) -> Query:
@@ -96,14 +103,19 @@ class PreferenceOptimizer:
             self._pending = self._propose()
         return self._pending
 
-    def tell(self, query: Query, response: str) -> None:
-        """Take the response to the query that `ask` gave."""
+    def tell(self, query: Query, response: str, reason: str | None = None) -> None:
+        """Take the response to the query that `ask` gave.
+
+        reason: why a query was skipped, "both_bad" or "cannot_tell", for a method that learns from
+        it. Without one a skip means what the setting `threshold_skip_means` says.
+        """
         if self._pending is None or query != self._pending:
             waiting = "none, ask() comes first" if self._pending is None else repr(self._pending)
             raise QueryNotAskedError(
                 f"tell: expected the query that waits ({waiting}), got {query!r}"
             )
-        self._record(query.left, query.right, self._offered(checked_response(response)))
+        checked = checked_response(response)
+        self._record(query.left, query.right, *self._method.understood(checked, reason))
 
     def best(self) -> int:
         """The acquired candidate: the largest posterior mean, or knockout's last winner.
@@ -155,26 +167,25 @@ class PreferenceOptimizer:
         """The settings in force."""
         return self._settings
 
-    def _record(self, left: int, right: int, response: Response) -> None:
-        self._learned.record(self._told, left, right, response)
+    def _record(self, left: int, right: int, response: Response, reason: SkipReason | None) -> None:
+        meant = self._settings.threshold_skip_means if reason is None else reason
+        self._learned.record(self._told, left, right, response, meant)
         self._told += 1
         self._last = frozenset((left, right))
         self._pending = None
         self._belief = None
 
-    def _offered(self, response: Response) -> Response:
-        if response == "skip" and not self._method.skip:
-            raise SkipNotOfferedError(
-                f"response: expected left or right, got skip; {self._method_name} offers no skip"
-            )
-        return response
-
-    def _checked_entry(self, place: int, entry: object) -> tuple[int, int, Response]:
+    def _checked_entry(
+        self, place: int, entry: object
+    ) -> tuple[int, int, Response, SkipReason | None]:
         """One entry of a stored history, or a named error with its place."""
         n = len(self._candidates)
-        if not isinstance(entry, (tuple, list)) or len(entry) != 3:
-            raise HistoryError(f"history[{place}]: expected (left, right, response), got {entry!r}")
-        left, right, response = entry
+        if not isinstance(entry, (tuple, list)) or len(entry) not in (3, 4):
+            raise HistoryError(
+                f"history[{place}]: expected (left, right, response), or with a reason behind, "
+                f"got {entry!r}"
+            )
+        left, right, response = entry[:3]
         for side in (left, right):
             whole = isinstance(side, (int, np.integer)) and not isinstance(side, bool)
             if not whole or not 0 <= side < n:
@@ -186,9 +197,11 @@ class PreferenceOptimizer:
                 f"history[{place}]: expected two different candidates, got {left} on both sides"
             )
         try:
-            return int(left), int(right), self._offered(checked_response(response))
-        except (SkipNotOfferedError, UnknownResponseError) as error:
+            reason = entry[3] if len(entry) == 4 else None
+            checked = self._method.understood(checked_response(response), reason)
+        except (SkipNotOfferedError, SkipReasonError, UnknownResponseError) as error:
             raise type(error)(f"history[{place}]: {error}") from error
+        return int(left), int(right), *checked
 
     def _propose(self) -> Query:
         index = self._told

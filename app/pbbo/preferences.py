@@ -6,10 +6,13 @@ Candidates are named by their row in the candidates array throughout.
 from dataclasses import dataclass
 from typing import Final, Literal, get_args
 
-from app.pbbo.errors import UnknownResponseError
+from app.pbbo.errors import SkipReasonError, UnknownResponseError
 
 Response = Literal["left", "right", "skip"]
 RESPONSES: Final[tuple[Response, ...]] = get_args(Response)
+
+SkipReason = Literal["both_bad", "cannot_tell"]
+SKIP_REASONS: Final[tuple[SkipReason, ...]] = get_args(SkipReason)
 
 TrialType = Literal["random", "model"]
 Origin = Literal["answer", "synthesis"]
@@ -21,6 +24,14 @@ def checked_response(response: object) -> Response:
         if response == known:
             return known
     raise UnknownResponseError(f"response: expected left, right or skip, got {response!r}")
+
+
+def checked_reason(reason: object) -> SkipReason:
+    """The reason of a skip itself, or `SkipReasonError`."""
+    for known in SKIP_REASONS:
+        if reason == known:
+            return known
+    raise SkipReasonError(f"reason: expected {' or '.join(SKIP_REASONS)} or none, got {reason!r}")
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.linalg import lapack
 from scipy.spatial.distance import cdist
 
-from app.pbbo.candidates import Candidates, FloatArray
+from app.pbbo.candidates import Candidates, FloatArray, IndexArray
 from app.pbbo.errors import FitError
 
 # Share of the signal variance on the diagonal: the first that factorises is taken.
@@ -33,6 +33,19 @@ class Prior:
 
     def __len__(self) -> int:
         return len(self.covariance)
+
+    @property
+    def variance(self) -> FloatArray:
+        """Prior variance of each value; (n,)."""
+        return np.diagonal(self.covariance)
+
+    def columns(self, rows: IndexArray) -> FloatArray:
+        """Prior covariance of all values with these; (n, rows)."""
+        return self.covariance[:, rows]
+
+    def block(self, rows: IndexArray) -> FloatArray:
+        """Prior covariance of these values; (rows, rows)."""
+        return self.covariance[np.ix_(rows, rows)]
 
     def draw(self, rng: np.random.Generator, count: int) -> FloatArray:
         """Functions from the prior; (n, count)."""

@@ -14,6 +14,7 @@ from types import MappingProxyType
 from typing import Any, Final, Literal
 
 from app.pbbo.errors import SettingsError
+from app.pbbo.preferences import SKIP_REASONS, SkipReason
 
 Acquisition = Literal["thompson"]
 ACQUISITIONS: Final[tuple[Acquisition, ...]] = ("thompson",)
@@ -60,6 +61,8 @@ class Settings:
     threshold_noise: noise of a comparison with the threshold, as a share of `threshold_epsilon`.
     threshold_covering: how many queries at first cover the space, whatever the answers, in place
         of `random_queries`; with 0, these are random as for the other methods.
+    threshold_skip_means: what a skip without a reason says: "both_bad", that both lie below the
+        threshold, or "cannot_tell", that the two are about equal.
     threshold_boldness: how bold the choice of a query is, for one query after the other, from the
         first again after the last.
     """
@@ -75,6 +78,7 @@ class Settings:
     threshold_epsilon: float = 0.3
     threshold_noise: float = 0.4
     threshold_covering: int = 0
+    threshold_skip_means: SkipReason = "both_bad"
     threshold_boldness: tuple[float, ...] = (1.0, 1.0, 3.0)
 
     def __post_init__(self) -> None:
@@ -104,6 +108,12 @@ class Settings:
         if self.acquisition not in ACQUISITIONS:
             raise SettingsError(
                 f"acquisition: expected one of {', '.join(ACQUISITIONS)}, got {self.acquisition!r}"
+            )
+
+        if self.threshold_skip_means not in SKIP_REASONS:
+            raise SettingsError(
+                f"threshold_skip_means: expected {' or '.join(SKIP_REASONS)}, "
+                f"got {self.threshold_skip_means!r}"
             )
 
     @classmethod

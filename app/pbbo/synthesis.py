@@ -12,7 +12,7 @@ twice is twice as likely to be drawn: the draw is over the answers.
 
 from typing import NamedTuple
 
-from app.pbbo.preferences import Preference, Response
+from app.pbbo.preferences import Preference, Response, SkipReason
 from app.pbbo.randomness import Purpose, generator
 
 
@@ -24,11 +24,12 @@ class Choice(NamedTuple):
 
 
 class Skip(NamedTuple):
-    """A skipped query."""
+    """A skipped query, and why it was skipped."""
 
     left: int
     right: int
     query_index: int
+    reason: SkipReason = "both_bad"
 
 
 class Learned:
@@ -62,10 +63,17 @@ class Learned:
         """The candidate chosen last, if any was."""
         return self._choices[-1].candidate if self._choices else None
 
-    def record(self, index: int, left: int, right: int, response: Response) -> None:
-        """Learn from the response to the query of this index."""
+    def record(
+        self,
+        index: int,
+        left: int,
+        right: int,
+        response: Response,
+        reason: SkipReason = "both_bad",
+    ) -> None:
+        """Learn from the response to the query of this index. reason: that of a skip."""
         if response == "skip":
-            skip = Skip(left, right, index)
+            skip = Skip(left, right, index, reason)
             self._skips.append(skip)
             if self._synthesise:
                 self._pool.append(skip)

@@ -5,15 +5,31 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.crane.environments import ENV2, candidates
+from app.crane.dynamics import simulate
+from app.crane.environments import ENV1, ENV2, Environment, candidates
+from app.crane.evaluation import score
 from app.lab import fresh_runs
 from app.lab.drawn_cranes import LEAST_BEST, LEAST_TO_FIND, drawn_crane, glance
+from app.lab.fast_runs import runs_at_once
 from app.lab.fresh_runs import digest, fresh_scores, runs_of
 
 
-def test_fresh_runs_are_kept_and_read_again(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("environment", [ENV1, ENV2], ids=lambda one: one.name)
+@pytest.mark.parametrize("w", [(1.0, 0.6), (0.1, 0.1), (0.3, 0.0), (0.0, 0.0)])
+def test_runs_at_once_have_the_mean_and_spread_of_the_simulator(
+    environment: Environment, w: tuple[float, float]
 ) -> None:
+    rng = np.random.default_rng(2)
+    one_by_one = score(np.array([simulate(environment, w, rng).weight for _ in range(200)]))
+
+    at_once = runs_at_once(environment, w, np.random.default_rng(1), 4000)
+
+    error = one_by_one.std() / np.sqrt(200)
+    assert at_once.mean() == pytest.approx(one_by_one.mean(), abs=4.0 * error)
+    assert at_once.std() == pytest.approx(one_by_one.std(), rel=0.25)
+
+
+def test_fresh_runs_are_kept_and_read_again(tmp_path: Path) -> None:
     made = fresh_scores(ENV2, 2, tmp_path)
 
     assert made.shape == (len(candidates()), 2)
@@ -28,7 +44,7 @@ def test_runs_of_another_simulator_are_not_taken_for_these(
 ) -> None:
     before = digest(ENV2, 2)
 
-    monkeypatch.setattr(fresh_runs, "score", lambda weight: np.zeros(len(weight)))
+    monkeypatch.setattr(fresh_runs, "runs_at_once", lambda *given: np.zeros(given[3]))
 
     assert digest(ENV2, 2) != before
 

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from app.pbbo import Preference, PreferenceOptimizer, Settings, SettingsError
+from app.pbbo import PreferenceOptimizer, Settings, SettingsError, SkipReasonError
 from app.pbbo.candidates import Candidates, FloatArray
+from app.pbbo.comparisons import Comparison
 from app.pbbo.model_averaging import Average, average_over
 from app.pbbo.preferences import Response
 from app.pbbo.synthesis import Learned
@@ -30,12 +31,25 @@ def test_a_choice_lies_above_the_threshold_and_a_skip_below() -> None:
     learned.record(0, 3, 4, "right")
     learned.record(1, 1, 2, "skip")
 
-    assert with_threshold(learned.preferences, learned.skips, 9) == (
-        Preference(4, 3, "answer", 0),
-        Preference(4, 9, "answer", 0),
-        Preference(9, 1, "answer", 1),
-        Preference(9, 2, "answer", 1),
-    )
+    assert with_threshold(learned.preferences, learned.skips, 9) == [
+        Comparison(4, 3),
+        Comparison(4, 9),
+        Comparison(9, 1),
+        Comparison(9, 2),
+    ]
+
+
+def test_once_there_is_a_tie_choices_are_wider_than_the_tie_width() -> None:
+    learned = Learned(seed=0, synthesise=False)
+    learned.record(0, 3, 4, "right")
+    learned.record(1, 1, 2, "skip", "cannot_tell")
+
+    assert with_threshold(learned.preferences, learned.skips, 9) == [
+        Comparison(4, 3, -1),
+        Comparison(4, 9),
+        Comparison(1, 2, 1),
+        Comparison(2, 1, 1),
+    ]
 
 
 def test_after_skips_the_threshold_lies_above_what_was_skipped() -> None:
@@ -110,7 +124,7 @@ def test_the_mixture_weighs_the_length_scales_by_their_evidence() -> None:
 def test_functions_drawn_from_the_mixture_have_its_mean_and_spread() -> None:
     after = belief([(0, 100, "left"), (30, 100, "right"), (7, 8, "skip"), (9, 5, "left")])
 
-    drawn = after.draw(np.random.default_rng(0), 4000)
+    drawn = after.draw(np.random.default_rng(0), 4000, np.arange(len(TRIANGLE)))
 
     assert drawn.shape == (len(TRIANGLE), 4000)
     np.testing.assert_allclose(drawn.mean(axis=1), after.mean, atol=0.08)
@@ -208,6 +222,7 @@ def test_the_first_queries_cover_the_space_whatever_is_answered() -> None:
         ({"threshold_noise": 1e-3}, r"threshold_noise: expected 0.01 to 100"),
         ({"threshold_covering": 1.5}, r"threshold_covering: expected a whole number"),
         ({"threshold_epsilon": "quiet"}, r"threshold_epsilon: expected a number"),
+        ({"threshold_skip_means": "bad"}, r"threshold_skip_means: expected both_bad or cannot"),
     ],
 )
 def test_a_wrong_setting_is_named_with_its_place(given: dict[str, object], message: str) -> None:
@@ -220,3 +235,93 @@ def test_settings_read_from_a_plan_may_give_lists() -> None:
 
     assert settings.threshold_length_scales == (0.1, 0.3)
     assert Settings.from_mapping(settings.to_mapping()) == settings
+
+
+def test_ties_and_choices_teach_the_width_of_a_tie() -> None:
+    """An evaluator who cannot tell values apart that differ by less than a fifth."""
+    rng = np.random.default_rng(2)
+    taste = TRIANGLE[:, 0]
+    widths = {}
+    for width in (0.05, 0.4):
+        optimizer = PreferenceOptimizer(TRIANGLE, "pbpo-threshold", 1)
+        history: list[tuple[int, int, str, str | None]] = []
+        for _ in range(40):
+            a, b = (int(i) for i in rng.choice(len(TRIANGLE), 2, replace=False))
+            if abs(taste[a] - taste[b]) < width:
+                history.append((a, b, "skip", "cannot_tell"))
+            else:
+                history.append((a, b, "left" if taste[a] > taste[b] else "right", None))
+        optimizer = PreferenceOptimizer.replay(TRIANGLE, history, method="pbpo-threshold")
+        after = optimizer._believe()
+        assert isinstance(after, Average)
+        span = after.mean.max() - after.mean.min()
+        widths[width] = after.tie_width[0] / span
+
+    assert widths[0.05] < widths[0.4]
+    assert widths[0.4] == pytest.approx(0.4, abs=0.15)
+
+
+def test_a_tie_brings_two_candidates_together_and_a_bad_pair_puts_both_down() -> None:
+    told: list[tuple[int, int, str]] = [(0, 230, "right"), (0, 120, "right")]
+    tie = PreferenceOptimizer.replay(
+        TRIANGLE, [*told, (120, 230, "skip", "cannot_tell")], method="pbpo-threshold"
+    )
+    bad = PreferenceOptimizer.replay(
+        TRIANGLE, [*told, (120, 230, "skip", "both_bad")], method="pbpo-threshold"
+    )
+    before = PreferenceOptimizer.replay(TRIANGLE, told, method="pbpo-threshold")
+
+    level = [each.posterior()[0][[120, 230]].mean() for each in (tie, bad, before)]
+    spread = [each.posterior()[1][[120, 230]].mean() for each in (tie, before)]
+    assert level[1] < level[2] - 0.1
+    assert level[0] == pytest.approx(level[2], abs=0.2)
+    assert spread[0] < spread[1]
+
+
+def test_a_skip_without_a_reason_means_what_the_settings_say() -> None:
+    told: list[tuple[int, int, str]] = [(0, 230, "right"), (5, 60, "skip")]
+    given: list[tuple[int, int, str, str]] = [(5, 60, "skip", "cannot_tell")]
+    settings = Settings(threshold_skip_means="cannot_tell")
+
+    unsaid = PreferenceOptimizer.replay(TRIANGLE, told, method="pbpo-threshold", settings=settings)
+    said = PreferenceOptimizer.replay(TRIANGLE, [told[0], *given], method="pbpo-threshold")
+    bad = PreferenceOptimizer.replay(TRIANGLE, told, method="pbpo-threshold")
+
+    np.testing.assert_array_equal(unsaid.posterior()[0], said.posterior()[0])
+    assert not np.allclose(bad.posterior()[0], said.posterior()[0])
+
+
+def test_a_skip_told_with_a_reason_is_the_one_replayed() -> None:
+    told = PreferenceOptimizer(TRIANGLE, "pbpo-threshold", 3)
+    history: list[tuple[int, int, str, str | None]] = []
+    for response, reason in (("skip", "cannot_tell"), ("left", None), ("skip", "both_bad")):
+        query = told.ask()
+        told.tell(query, response, reason=reason)
+        history.append((query.left, query.right, response, reason))
+
+    replayed = PreferenceOptimizer.replay(TRIANGLE, history, method="pbpo-threshold", seed=3)
+
+    np.testing.assert_array_equal(told.posterior()[0], replayed.posterior()[0])
+    assert told.ask() == replayed.ask()
+
+
+@pytest.mark.parametrize(
+    ("method", "response", "reason", "message"),
+    [
+        ("pbpo-threshold", "skip", "boring", r"expected both_bad or cannot_tell or none, got 'bor"),
+        ("pbpo-threshold", "skip", 3, r"expected both_bad or cannot_tell or none, got 3"),
+        ("pbpo-threshold", "left", "both_bad", r"expected none for left, got 'both_bad'"),
+        ("pbpo", "skip", "both_bad", r"pbpo does not learn from it, got 'both_bad'"),
+    ],
+)
+def test_a_reason_that_means_nothing_is_refused(
+    method: str, response: str, reason: str, message: str
+) -> None:
+    optimizer = PreferenceOptimizer(TRIANGLE, method, 3)
+    query = optimizer.ask()
+
+    with pytest.raises(SkipReasonError, match=message):
+        optimizer.tell(query, response, reason=reason)
+    assert optimizer.ask() == query
+    with pytest.raises(SkipReasonError, match=r"history\[0\]"):
+        PreferenceOptimizer.replay(TRIANGLE, [(0, 1, response, reason)], method=method)

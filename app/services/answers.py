@@ -1,20 +1,21 @@
 """What comes back from the query page: a response, or that a video did not play.
 
 What is stored is stored in one transaction: two tabs, a double click or a retry find that it was
-done. A fit belongs into none, and so what follows is worked out before, ahead if possible.
+done.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime
 
 from sqlalchemy.orm import Session
+from sqlalchemy.orm.attributes import set_committed_value
 
 from app.pbbo import allows_skip
 from app.storage.insertion import insert_rows
-from app.storage.tables import QueryRow, Response, SessionRow, Trial
+from app.storage.tables import QueryRow, Response, SessionRow
 from app.study import protocol
 from app.study.protocol import Stage
 from app.study.stages import PRACTICE_INDEX
@@ -65,86 +66,115 @@ class FaultReport:
     left_out: int = 0
 
 
-def respond(studio: Studio, token: str, answer: Answer) -> State:
-    """Store a response and move on. The same response again changes nothing."""
-    with studio.measurements.answering(answer.response):
-        worked_out: dict[History, Step] = {}
-        while True:
-            came = _attempt(studio, token, answer, worked_out)
-            if not isinstance(came, _Lacking):
-                return came
-            # Nobody has worked it out ahead: done now, inside no transaction. Should the trial have
-            # gone on meanwhile, what follows that is asked for next.
-            worked_out[came.history] = studio.proposer.step(came.trial, came.history)
-
-
 @dataclass(frozen=True)
-class _Lacking:
-    """Nothing was stored: what follows this history has to be known first."""
+class _Asked:
+    """What one read tells of the query that is answered.
+
+    record: the trial's answered queries, this one included.
+    """
 
     trial: TrialInHand
-    history: History
+    record: Record
+    is_practice: bool
+
+    @property
+    def history(self) -> History:
+        return learned(self.trial, self.record)
 
 
-def _attempt(
-    studio: Studio, token: str, answer: Answer, worked_out: Mapping[History, Step]
-) -> State | _Lacking:
-    with studio.database.write() as session:
-        row = sessions.find(studio, session, token, to_write=True)
-        query = queries.find(session, row, answer.query_id)
-        taken = None
-        if _is_new(row, query, answer):
-            taken = _take(studio, session, row, query, answer, worked_out)
-        if isinstance(taken, _Lacking):
-            return taken
-        return session_state.describe(studio, session, row, taken)
+def respond(studio: Studio, token: str, answer: Answer) -> State:
+    """Store a response with the query that follows it. Sent again, it changes nothing.
 
-
-def _take(
-    studio: Studio,
-    session: Session,
-    row: SessionRow,
-    query: QueryRow,
-    answer: Answer,
-    worked_out: Mapping[History, Step],
-) -> Standing | _Lacking | None:
-    """Store a response and what follows it, if that is known.
-
-    Where a next query of the trial follows, it says where the trial stands then.
+    One transaction reads what the response is about. The step after it comes from the cache or is
+    computed, outside any transaction. One short transaction locks the session, checks again and
+    writes. The state is described from what is known by then.
     """
+    with studio.measurements.answering(answer.response):
+        with studio.database.read() as session:
+            row = sessions.find(studio, session, token)
+            query = queries.find(session, row, answer.query_id)
+            if not _is_new(row, query, answer):
+                return session_state.describe(studio, session, row)
+            asked = _read(session, row, query, answer)
+        step = None if asked.is_practice else _step(studio, asked)
+        with studio.database.write() as session:
+            row = sessions.find(studio, session, token, to_write=True)
+            query = queries.find(session, row, answer.query_id)
+            opened = None
+            if _is_new(row, query, answer):
+                # The record that was read still holds: undoing a response before this one would
+                # have deleted this query.
+                opened = _store(studio, session, row, query, answer, asked, step)
+        with studio.database.read() as session:
+            if opened is None:
+                row = sessions.find(studio, session, token)
+            return session_state.describe(studio, session, row, opened)
+
+
+def _read(session: Session, row: SessionRow, query: QueryRow, answer: Answer) -> _Asked:
+    """Raises OutOfOrder, SkipNotOfferedError or SkipReasonError if the answer cannot be taken."""
     sessions.require_asked(row, query.query_index)
     trial = queries.trial_in_hand(row, query.trial.trial_index, query.trial.seed)
     if answer.response == "skip" and not allows_skip(trial.method):
         raise SkipNotOfferedError("expected left or right: this query offers no skip", row.stage)
     _check_reason(row, query, answer)
+    is_practice = query.trial.trial_index == PRACTICE_INDEX
+    before = () if is_practice else queries.read_record(session, query.trial_id)
+    return _Asked(trial, (*before, _shown(query, answer.response)), is_practice)
+
+
+def _step(studio: Studio, asked: _Asked) -> Step:
+    """The precomputed step, or one computed now."""
+    step = studio.proposer.known(asked.trial, asked.history)
+    studio.measurements.step_asked(ahead=step is not None)
+    return step or studio.proposer.step(asked.trial, asked.history)
+
+
+def _store(
+    studio: Studio,
+    session: Session,
+    row: SessionRow,
+    query: QueryRow,
+    answer: Answer,
+    asked: _Asked,
+    step: Step | None,
+) -> Standing | None:
+    """Write the response, what it taught and what follows; the open query, if the trial goes on.
+
+    Raises OutOfOrder, before anything is written, if the session's open query is another one.
+    """
     now = studio.now()
-    if query.trial.trial_index == PRACTICE_INDEX:
-        _move_on(studio, session, row, query, answer, now)
+    sessions.advance(studio, row, protocol.Responded(query_index=query.query_index, at=now))
+    given = {
+        "query_id": query.id,
+        "response": answer.response,
+        "skip_reason": answer.skip_reason,
+        "rt_ms": answer.rt_ms,
+        "answered_at": now,
+    }
+    insert_rows(session, Response, [given])
+    set_committed_value(query, "response", Response(**given))
+    queries.store_events(session, row, query, answer.happenings)
+    if step is None:
         _go_on_practising(studio, session, row, query, now)
         return None
-    record = (*queries.read_record(session, query.trial_id), _shown(query, answer.response))
-    history = learned(trial, record)
-    step = worked_out.get(history) or studio.proposer.known(trial, history)
-    if step is None:
-        return _Lacking(trial, history)
-    studio.measurements.step_asked(ahead=history not in worked_out)
-    space = studio.proposer.space(trial.study_id, trial.environment)
-    coming = following(space, trial, record, step)
-    _move_on(studio, session, row, query, answer, now)
-    if teaches(trial, query.trial_type):
-        teachings.store(session, query, step, lessons(trial, record))
+    if teaches(asked.trial, query.trial_type):
+        teachings.store(session, query, step, lessons(asked.trial, asked.record))
     if row.stage == Stage.QUERY and row.trial_index == query.trial.trial_index:
+        space = studio.proposer.space(asked.trial.study_id, asked.trial.environment)
+        coming = following(space, asked.trial, asked.record, step)
         assert coming is not None
-        return _ask(session, query.trial, coming, record, now)
+        return _open(session, query, coming, asked.record, now)
     query.trial.ended_at = now
     trials.arrive(studio, session, row)
     return None
 
 
-def _ask(
-    session: Session, trial: Trial, coming: NextQuery, record: Record, now: datetime
+def _open(
+    session: Session, answered: QueryRow, coming: NextQuery, record: Record, now: datetime
 ) -> Standing:
     """Store the trial's next query. record: all that was answered before it."""
+    trial = answered.trial
     asked = trials.query_columns(coming, now, trial_id=trial.id)
     insert_rows(session, QueryRow, [asked])
     return Standing(
@@ -167,29 +197,8 @@ def _ask(
             response=None,
         ),
         record=record,
+        just_answered=answered,
     )
-
-
-def _move_on(
-    studio: Studio,
-    session: Session,
-    row: SessionRow,
-    query: QueryRow,
-    answer: Answer,
-    now: datetime,
-) -> None:
-    # Raises if another query is the open one: nothing has been written yet.
-    sessions.advance(studio, row, protocol.Responded(query_index=query.query_index, at=now))
-    given = {
-        "query_id": query.id,
-        "response": answer.response,
-        "skip_reason": answer.skip_reason,
-        "rt_ms": answer.rt_ms,
-        "answered_at": now,
-    }
-    insert_rows(session, Response, [given])
-    session.expire(query, ["response"])
-    seen_events.keep(session, row, query, answer.happenings, answer.left_out, now)
 
 
 def _go_on_practising(

@@ -49,6 +49,8 @@ class Standing:
     attempt: int
     asked: Shown
     record: Record
+    #: The query whose response opened this one, where both happened in this very call.
+    just_answered: QueryRow | None = None
 
 
 def trial_seed(row: SessionRow, trial_index: int) -> int:

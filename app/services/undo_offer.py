@@ -37,11 +37,14 @@ def find(session: Session, row: SessionRow, trial: Standing, now: datetime) -> O
     undo_s = stored_plan(row.plan).query.undo_s
     if not undo_s or row.stage != Stage.QUERY or trial.attempt > 0:
         return None
-    before = queries.answered_before(session, trial)
+    before = trial.just_answered or queries.answered_before(session, trial)
     if before is None or before.response is None:
         return None
     ends_at = before.response.answered_at + timedelta(seconds=undo_s)
     in_all = seconds_left(undo_s + GRACE_S, ends_at + timedelta(seconds=GRACE_S), now)
-    if in_all <= 0 or queries.was_undone(session, trial.public_id):
+    if in_all <= 0:
+        return None
+    # A query that was just opened has nothing that could have been taken back.
+    if trial.just_answered is None and queries.was_undone(session, trial.public_id):
         return None
     return Offer(before, max(in_all - GRACE_S, 0.0))

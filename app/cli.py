@@ -18,9 +18,10 @@ from app.commands.asking import (
     DataDir,
     Folder,
     Slug,
+    address_of,
     closing_studios,
     out,
-    say_link,
+    say_links,
     settings_of,
     studio_of,
 )
@@ -77,6 +78,10 @@ Host = Annotated[str, typer.Option(help="Address to listen on.")]
 Port = Annotated[int, typer.Option(help="Port to listen on.", min=0, max=65535)]
 
 
+#: The longest line that a refusal takes, in bytes.
+_LONGEST_REFUSAL = 4_000
+
+
 def main() -> None:
     """Run a command. A user's mistake is one line on standard error, and exit status 2."""
     try:
@@ -85,7 +90,8 @@ def main() -> None:
     except StudyFaults as error:
         fail(str(error))
     except (ServiceError, FolderNotEmptyError, UnknownStudyError) as error:
-        fail(f"pbpo: {shortened(str(error))}")
+        # Whole for what is refused in production, which names every setting at once.
+        fail(f"pbpo: {shortened(str(error), _LONGEST_REFUSAL)}")
     except (FileExistsError, IsADirectoryError, NotADirectoryError, PermissionError) as error:
         fail(f"pbpo: {error}")
     except OperationalError as error:
@@ -215,8 +221,10 @@ def study_list(data_dir: DataDir = None) -> None:
 @study_app.command("open")
 def study_open(slug: Slug, data_dir: DataDir = None) -> None:
     """Let participants in."""
-    studies.open_study(studio_of(data_dir), slug)
-    out.print(f"{slug} is open: participants enter at /s/{slug}")
+    studio = studio_of(data_dir)
+    studies.open_study(studio, slug)
+    entrance = address_of(studio, f"/s/{slug}")
+    out.print(f"{slug} is open: participants enter at {entrance}")
 
 
 @study_app.command("close")
@@ -237,8 +245,8 @@ def link_create(
     """Make links that each let one person in, once, and show them this once."""
     from app.services import entry_links
 
-    for path in entry_links.create(studio_of(data_dir), slug, count, label):
-        say_link(path, address)
+    studio = studio_of(data_dir)
+    say_links(studio, entry_links.create(studio, slug, count, label), address)
 
 
 @app.command()

@@ -28,6 +28,8 @@ from app.web import (
     ethics_pages,
     exports,
     faults_counted,
+    guard,
+    host_cookies,
     invitation_pages,
     job_pages,
     leaving_pages,
@@ -42,7 +44,6 @@ from app.web import (
     recruit_pages,
     request_log,
     results_pages,
-    security,
     sign_in_pages,
     stage_pages,
     story_pages,
@@ -103,7 +104,8 @@ def create_app(
     app.state.stopping = lambda: False
     problems.install(app)
     app.add_middleware(body_limit.BodyLimit)
-    app.add_middleware(security.Guard)
+    app.add_middleware(guard.Guard)
+    app.add_middleware(host_cookies.HostCookies)
     app.add_middleware(faults_counted.FaultsCounted)
     app.add_middleware(request_log.RequestLog)
     app.add_exception_handler(desk.ToSignIn, _to_sign_in)

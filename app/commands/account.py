@@ -12,7 +12,7 @@ from app.services import account_list, accounts, invitations
 from app.services.accounts import Role, Scope
 from app.services.audit import COMMAND_LINE
 
-from .asking import Address, DataDir, out, say_link, studio_of
+from .asking import Address, DataDir, address_of, out, say_links, studio_of
 
 app = typer.Typer(no_args_is_help=True, help="Who may run studies.")
 
@@ -32,7 +32,8 @@ def create(
     studio = studio_of(data_dir)
     password = typer.prompt("Password", hide_input=True, confirmation_prompt=True)
     made = accounts.create(studio, email, password, role)
-    out.print(f"{made.email} can sign in at /sign-in as {made.role.value}.")
+    sign_in = address_of(studio, "/sign-in")
+    out.print(f"{made.email} can sign in at {sign_in} as {made.role.value}.")
 
 
 @app.command()
@@ -43,13 +44,27 @@ def invite(
     data_dir: DataDir = None,
 ) -> None:
     """Make a link with which somebody makes their account, once, and show it this once."""
-    say_link(invitations.invite(studio_of(data_dir), email, role, COMMAND_LINE), address)
+    studio = studio_of(data_dir)
+    path = invitations.invite(studio, email, role, COMMAND_LINE)
+    typer.echo(
+        f"Send {email} this link. Within {invitations.LASTS.days} days it lets them choose a"
+        f" password and sign in as {role.value}, once:",
+        err=True,
+    )
+    say_links(studio, [path], address)
 
 
 @app.command()
 def reset(email: Email, address: Address = "", data_dir: DataDir = None) -> None:
     """Make a link with which somebody chooses another password, once, and show it this once."""
-    say_link(invitations.reset(studio_of(data_dir), email, COMMAND_LINE), address)
+    studio = studio_of(data_dir)
+    path = invitations.reset(studio, email, COMMAND_LINE)
+    typer.echo(
+        f"Send {email} this link. Within {invitations.LASTS.days} days it lets them choose another"
+        " password, once:",
+        err=True,
+    )
+    say_links(studio, [path], address)
 
 
 @app.command("list")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from contextvars import ContextVar
 from pathlib import Path
@@ -61,6 +61,18 @@ def studio_of(data_dir: Path | None, **changes: Any) -> Studio:
     return studio
 
 
-def say_link(path: str, address: str) -> None:
-    """Print a link plainly: it must come out whole however narrow the window is."""
-    print(f"{address.rstrip('/')}{path}")
+def address_of(studio: Studio, path: str, address: str = "") -> str:
+    """The path at the address that was given, else at the studio's own where it is known."""
+    return f"{address.rstrip('/') or studio.settings.public_url}{path}"
+
+
+def say_links(studio: Studio, paths: Sequence[str], address: str) -> None:
+    """Print links plainly: they must come out whole however narrow the window is."""
+    for path in paths:
+        print(address_of(studio, path, address))
+    if not address_of(studio, "", address):
+        typer.echo(
+            "This is no whole address, since the studio does not know its own: set"
+            " PBPO_PUBLIC_URL, or give --address https://...",
+            err=True,
+        )

@@ -77,6 +77,11 @@ def unsafe_settings(studio: Studio, host: str) -> Iterator[str]:
             "It runs as root, and whoever took it over would have the whole machine: run it as a"
             " user of its own."
         )
+    if settings.production and not settings.public_url.startswith("https://"):
+        yield (
+            "Links to invitations and studies would begin with whatever host a request names: set"
+            " PBPO_PUBLIC_URL to the https address at which people reach the studio."
+        )
     mode = settings.data_dir.stat().st_mode
     if mode & _OTHERS:
         yield (

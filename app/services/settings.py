@@ -73,6 +73,14 @@ class Settings(BaseSettings):
             " Needs PBPO_OWN_VIDEOS_DIR and PBPO_MEDIA_DIR outside the data folder."
         ),
     ] = False
+    public_url: Annotated[
+        str,
+        Field(
+            description="The address at which people reach the studio, such as"
+            " https://studies.lab.example: what links that go out begin with. Default: what the"
+            " browser that asks has asked for."
+        ),
+    ] = ""
     secure_cookies: Annotated[
         bool,
         Field(
@@ -178,6 +186,17 @@ class Settings(BaseSettings):
                     f" {part!r}: whoever may say that a request came over HTTPS has to be named"
                 )
         return value
+
+    @field_validator("public_url")
+    @classmethod
+    def _known_address(cls, url: str) -> str:
+        url = url.rstrip("/")
+        if url and not re.fullmatch(r"https?://([A-Za-z0-9.-]+|\[[0-9a-fA-F:.]+\])(:\d+)?", url):
+            raise ValueError(
+                "expected a URL such as https://studies.lab.example, without a path, got"
+                f" {url[:100]!r}"
+            )
+        return url
 
     @field_validator("database_url")
     @classmethod

@@ -13,6 +13,7 @@ from app.services.errors import ConflictError, NotFoundError
 from app.services.studio import Studio
 
 from .desk import Admin, OwnForm, desk_page
+from .own_address import base_url
 from .security import StudioDep
 
 router = APIRouter(prefix="/accounts", include_in_schema=False)
@@ -96,7 +97,7 @@ def _page(
     link: str | None = None,
     for_whom: str = "",
 ) -> Response:
-    base = str(request.base_url).rstrip("/")
+    base = base_url(request)
     return desk_page(
         request,
         caller,

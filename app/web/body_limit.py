@@ -16,7 +16,8 @@ from starlette.requests import Request
 from starlette.responses import Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from .security import is_signed_in, turned_away
+from .guard import turned_away
+from .security import is_signed_in
 
 #: What every route takes that the table does not name.
 SMALL: Final = 64_000

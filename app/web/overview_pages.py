@@ -19,6 +19,7 @@ from app.services.watching.stamp import stamp
 
 from .desk import DataOf, DesignOf, SignedIn
 from .live import changes, event_stream
+from .own_address import base_url
 from .security import StudioDep
 from .study_frame import study_page
 from .templating import page
@@ -48,7 +49,7 @@ def overview(
         study,
         "overview",
         more={
-            "participant_url": f"{str(request.base_url).rstrip('/')}/s/{study.slug}",
+            "participant_url": f"{base_url(request)}/s/{study.slug}",
             "links": (
                 entry_links.counts(studio, study.id) if entry_links.wanted(study.plan) else None
             ),

@@ -24,6 +24,7 @@ from app.study.recruitment import (
 )
 
 from .desk import ChangeOf, OwnForm, SignedIn
+from .own_address import base_url
 from .security import StudioDep
 from .study_frame import study_page
 
@@ -53,7 +54,7 @@ def make_links(
         paths = entry_links.create(studio, study.slug, count, label.strip(), caller.email)
     except ConflictError as error:
         return _recruit(request, studio, caller, study, refused=str(error))
-    base = str(request.base_url).rstrip("/")
+    base = base_url(request)
     return _recruit(request, studio, caller, study, made=[f"{base}{path}" for path in paths])
 
 
@@ -84,7 +85,7 @@ def _recruit(
     with studio.database.read() as session:
         taken = places.by_order(session, study, LIVE, studio.now()).total()
     recruitment = study.plan.recruitment
-    address = f"{str(request.base_url).rstrip('/')}/s/{study.slug}"
+    address = f"{base_url(request)}/s/{study.slug}"
     return study_page(
         request,
         studio,

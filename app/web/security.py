@@ -12,15 +12,11 @@ from typing import Annotated
 from fastapi import Depends, Header, Request
 from fastapi.responses import Response
 from starlette.concurrency import run_in_threadpool
-from starlette.datastructures import Headers, MutableHeaders
-from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from app.services import accounts
 from app.services.accounts import Experimenter
 from app.services.errors import ForbiddenError, SignInRequiredError
 from app.services.studio import Studio
-
-from .problems import Kind, problem
 
 SIGN_IN_COOKIE = "pbpo_sign_in"
 FORM_COOKIE = "pbpo_form"
@@ -56,12 +52,6 @@ def content_security_policy(
             "base-uri 'none'",
         )
     )
-
-
-_SAFE_METHODS = frozenset({"GET", "HEAD", "OPTIONS"})
-#: Whose requests may change something: our own pages', and those that no page sent. Of a site such
-#: as a university's any other host would be `same-site`.
-_OWN_SITES = frozenset({"same-origin", "none"})
 
 
 def studio_of(request: Request) -> Studio:
@@ -168,64 +158,3 @@ def check_form_token(request: Request, given: str) -> None:
 
 def new_form_secret() -> str:
     return secrets.token_urlsafe(16)
-
-
-#: What every response says unless its route says otherwise.
-_HEADERS = (
-    ("X-Content-Type-Options", "nosniff"),
-    ("Referrer-Policy", "same-origin"),
-    ("Cross-Origin-Opener-Policy", "same-origin"),
-    ("Permissions-Policy", "camera=(), microphone=(), geolocation=()"),
-)
-#: Where TLS is: for a year a browser comes to this name by HTTPS alone, whatever a link says.
-_BY_HTTPS = ("Strict-Transport-Security", "max-age=31536000")
-
-
-class Guard:
-    """Refuses forms sent by other sites, and tells browsers how little our pages need."""
-
-    def __init__(self, app: ASGIApp) -> None:
-        self._app = app
-
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        if scope["type"] != "http":
-            await self._app(scope, receive, send)
-            return
-
-        async def send_with_headers(message: Message) -> None:
-            if message["type"] == "http.response.start":
-                headers = MutableHeaders(scope=message)
-                studio: Studio = scope["app"].state.studio
-                headers.setdefault(POLICY, content_security_policy(studio.recordings.origin))
-                for name, value in _HEADERS:
-                    headers.setdefault(name, value)
-                if studio.settings.secure_cookies:
-                    headers.setdefault(*_BY_HTTPS)
-            await send(message)
-
-        site = Headers(scope=scope).get("sec-fetch-site", "same-origin")
-        if scope["method"] not in _SAFE_METHODS and site not in _OWN_SITES:
-            refusal = turned_away(scope["path"], 403, "This request came from another site.")
-            await refusal(scope, receive, send_with_headers)
-            return
-
-        if "\0" in scope["path"]:
-            # No name of ours holds one, and PostgreSQL cannot even be asked for it.
-            nothing = turned_away(scope["path"], 404, "There is nothing at this address.")
-            await nothing(scope, receive, send_with_headers)
-            return
-
-        await self._app(scope, receive, send_with_headers)
-
-
-def turned_away(path: str, status: int, detail: str) -> Response:
-    """At the door: a problem for programs, as from within, and a plain sentence for people."""
-    if path.startswith("/api/"):
-        kinds = {
-            403: Kind(403, "forbidden", "Not allowed"),
-            404: Kind(404, "not-found", "Not found"),
-            414: Kind(414, "address-too-long", "The address is too long"),
-            431: Kind(431, "headers-too-long", "The headers are too long"),
-        }
-        return problem(kinds[status], detail)
-    return Response(detail, status, media_type="text/plain")

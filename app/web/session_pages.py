@@ -19,6 +19,7 @@ from app.study.protocol import ProtocolError
 from app.study.recruitment import MTURK_FRAMES, MTURK_HOSTS
 
 from . import entrances, languages, words
+from .own_address import base_url
 from .security import (
     POLICY,
     content_security_policy,
@@ -60,7 +61,7 @@ def render(
         "contact": study["contact"],
         "language": language,
         "page_title": words.translated(title, language),
-        "delete_url": f"{str(request.base_url).rstrip('/')}/s/{slug}/delete",
+        "delete_url": f"{base_url(request)}/s/{slug}/delete",
         "receipt": receipt_code(token) if state and token else None,
         **context,
     }

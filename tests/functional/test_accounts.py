@@ -258,3 +258,28 @@ def test_commands_invite_reset_list_disable_and_give_roles(
     assert "has an account" in mistake(pbpo("account", "invite", BOB))
     assert "captain" in mistake(pbpo("account", "role", BOB, "captain"))
     assert len(pbpo("account", "token", EMAIL, "--scope", "read", "--days", 7).out.strip()) == 43
+
+
+def test_links_that_go_out_begin_with_the_public_address_whatever_host_was_named(
+    admin: Api, studio: Studio, pbpo: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    public = studio.settings.model_copy(update={"public_url": "https://studies.lab.example"})
+    object.__setattr__(studio, "settings", public)
+    form = {"csrf_token": form_token(admin.get("/accounts")), "email": BOB, "role": "reviewer"}
+    page = admin.post("/accounts/invite", data=form, headers={"Host": "evil.example"})
+    assert re.search(r">https://studies\.lab\.example/invitations/[\w-]{43}<", page.text)
+    assert "evil.example" not in page.text
+
+
+def test_commands_say_whole_addresses_where_the_studio_knows_its_own(
+    pbpo: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    without = pbpo("account", "invite", BOB)
+    assert without.out.startswith("/invitations/")
+    assert "set PBPO_PUBLIC_URL" in without.err
+    monkeypatch.setenv("PBPO_PUBLIC_URL", "https://studies.lab.example/")
+    link = pbpo("account", "invite", "carol@lab.example")
+    assert re.fullmatch(r"https://studies\.lab\.example/invitations/[\w-]{43}\n", link.out)
+    assert "Send carol@lab.example this link. Within 7 days" in link.err
+    monkeypatch.setenv("PBPO_PUBLIC_URL", "https://studies.lab.example/pbpo")
+    assert "without a path" in mistake(pbpo("account", "invite", BOB))

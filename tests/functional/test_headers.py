@@ -123,3 +123,59 @@ class TestBehindTls:
             for path in ("/", "/nothing", "/static/css/app.css", "/api/v1/session"):
                 said = client.get(path).headers["strict-transport-security"]
                 assert said == "max-age=31536000"
+
+
+OWN_ORIGINS = ["http://testserver", "https://testserver", "http://testserver:80"]
+OTHER_ORIGINS = [
+    *("null", "https://evil.example", "http://testserver:8080", "http://testserver.evil.example"),
+    *("http://evil.example/testserver", "file://", "", "http://["),
+]
+#: What changes something: pages of evaluators, of experimenters, and calls.
+FORMS = [
+    *("/s/short/consent", "/s/short/withdraw", "/s/short/continue", "/s/short/delete"),
+    *("/preview/s/short/withdraw", "/sign-in", "/sign-out", "/studies/short/close"),
+    *("/api/v1/studies/short/sessions", "/api/v1/session/withdraw"),
+]
+
+
+@pytest.mark.parametrize("origin", OTHER_ORIGINS)
+def test_without_sec_fetch_site_the_origin_has_to_be_our_own(
+    client: Api, short_study: StudyInfo, api_token: str, origin: str
+) -> None:
+    for path in FORMS:
+        refusal = client.post(path, headers={"Origin": origin})
+        assert refusal.status_code == 403, path
+        assert "another site" in refusal.text, path
+    assert client.table("sessions", api_token).empty
+
+
+@pytest.mark.parametrize("origin", OWN_ORIGINS)
+def test_a_form_with_our_own_origin_is_taken(
+    client: Api, short_study: StudyInfo, origin: str
+) -> None:
+    path = "/api/v1/studies/short/sessions"
+    assert client.post(path, json={}, headers={"Origin": origin}).status_code == 201
+
+
+def test_a_form_with_the_public_origin_is_taken_behind_a_proxy_that_renames_the_host(
+    client: Api, studio: Studio, short_study: StudyInfo
+) -> None:
+    public = studio.settings.model_copy(update={"public_url": "https://studies.lab.example"})
+    object.__setattr__(studio, "settings", public)
+    path, headers = "/api/v1/studies/short/sessions", {"Origin": "https://studies.lab.example"}
+    assert client.post(path, json={}, headers=headers).status_code == 201
+
+
+def test_programs_with_a_token_need_neither_header(client: Api, short_study: StudyInfo) -> None:
+    session = client.start()
+    assert session.consent().status_code == 200
+
+
+@pytest.mark.parametrize("path", ["/studies/", "/s/short/", "/"])
+def test_a_made_up_host_leads_nobody_away(client: Api, short_study: StudyInfo, path: str) -> None:
+    answer = client.get(path, headers={"Host": "evil.example"})
+    assert answer.status_code in (303, 307)
+    assert answer.headers["location"].startswith("/")
+    assert not answer.headers["location"].startswith("//")
+    twice = client.get(f"{path}/evil.example//", headers={"Host": "evil.example"})
+    assert not twice.headers.get("location", "/").startswith(("//", "http"))

@@ -89,6 +89,7 @@ def test_in_production_what_is_less_safe_is_refused(
     (data / "access.json").touch()
     said = mistake(pbpo("serve", "--port", 0))
     for advice in (
+        "set PBPO_PUBLIC_URL",
         f"chmod 700 {data}",
         f"chmod o-w {media}",
         f"chmod 600 {ledger}",
@@ -164,7 +165,9 @@ def test_in_production_nothing_is_served_as_root(
     studio.settings.data_dir.chmod(0o700)
     monkeypatch.setattr("os.geteuid", lambda: user)
     secure = studio.settings.model_copy(update={"secure_cookies": True})
-    production = secure.model_copy(update={"production": True})
+    production = secure.model_copy(
+        update={"production": True, "public_url": "https://studies.lab.example"}
+    )
     said = said_of(studio, production)
     assert ["runs as root" in sentence for sentence in said] == [True] * is_said
     assert said_of(studio, secure) == []

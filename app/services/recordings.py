@@ -7,6 +7,7 @@ Where files are kept, in folders or in a store of the network, is `stores`' to k
 from __future__ import annotations
 
 import logging
+import secrets
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -263,15 +264,26 @@ def video_url(name: str) -> str:
     return f"/media/{name}.mp4"
 
 
-def file_locator(file: str, sha256: str) -> str:
-    """What a study's own video is called wherever it is kept: by its content and its ending."""
-    return f"{sha256}{PurePosixPath(file).suffix.lower()}"
+def file_locator(sha256: str, form: str) -> str:
+    """What a study's own video is called wherever it is kept.
+
+    sha256: of the experimenter's own file. form: mp4 or webm, as the content is and not as its
+    name says.
+    """
+    return f"{sha256}.{form}"
+
+
+def own_sha256(locator: str) -> str:
+    """The SHA-256 of the experimenter's own file, of the locator of a study's own video."""
+    return PurePosixPath(locator).stem
 
 
 def _put_all(store: Store, files: Mapping[str, Path]) -> None:
+    # In no order that says anything: a store tells everybody when it was given a file.
+    names = sorted(files, key=lambda _name: secrets.token_bytes(8))
     with ThreadPoolExecutor(_AT_ONCE) as threads:
         # Whatever goes wrong with one of them is raised here.
-        list(threads.map(store.put, files.keys(), files.values()))
+        list(threads.map(store.put, names, (files[name] for name in names)))
 
 
 def crane_locator(environment: str, candidate_index: int, run_index: int) -> str:

@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
-from pathlib import PurePosixPath
 
 from sqlalchemy import select
 from sqlalchemy.orm import Session
@@ -137,7 +136,7 @@ def _stored_rows(session: Session, study: StudyInfo) -> list[RecordingRow]:
             environment=candidate.environment,
             candidate=tuple(candidate.parameters[name] for name in names),
             file=recording.file or "",
-            sha256=PurePosixPath(recording.locator).stem,
+            sha256=recordings.own_sha256(recording.locator),
             duration_s=recording.duration_s,
             score=recording.score,
         )
@@ -156,11 +155,8 @@ def _require_the_same(session: Session, before: StudyInfo, folder: StudyFolder) 
         .join(Recording, Recording.candidate_id == Candidate.id)
         .where(Candidate.study_id == before.id, Recording.source == recordings.FILE)
     )
-    given = {
-        (row.environment, recordings.file_locator(row.file, row.sha256))
-        for row in folder.recordings
-    }
-    if {tuple(row) for row in stored} != given:
+    held = {(environment, recordings.own_sha256(locator)) for environment, locator in stored}
+    if held != {(row.environment, row.sha256) for row in folder.recordings}:
         raise ConflictError(
             f"expected the recordings that {before.slug!r} has: once a study is created, only its"
             " texts may change"

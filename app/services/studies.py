@@ -20,7 +20,7 @@ from app.study import assignment
 from app.study import folder as study_folder
 from app.study.plan import Plan, plan_hash
 
-from . import audit, left_videos, recordings
+from . import audit, handed_out, left_videos, recordings
 from .errors import ConflictError, NotFoundError
 from .studio import Studio
 from .tokens import new_public_id
@@ -106,25 +106,25 @@ def create(
     plan = folder.plan
     if plan.slug in RESERVED_SLUGS:
         raise ConflictError(f"expected another slug: {plan.slug!r} is a page of the studio's own")
-    videos = {
-        recordings.file_locator(row.file, row.sha256): folder.root / row.file
-        for row in folder.recordings
-    }
-    with left_videos.until_stored(studio, videos.keys()):
-        # Videos first, under their content's names: one that nothing points to does no harm.
-        studio.recordings.keep_files(videos)
-        return _stored(studio, folder, owner_id, actor, may_replace)
+    with handed_out.videos(studio.settings, folder) as made:
+        videos = {video.name: video for video in made.values()}
+        locators = {sha256: video.name for sha256, video in made.items()}
+        with left_videos.until_stored(studio, videos.keys()):
+            # Videos first, under their content's names: one that nothing points to does no harm.
+            studio.recordings.keep_files(videos)
+            return _stored(studio, folder, locators, owner_id, actor, may_replace)
 
 
 def _stored(
     studio: Studio,
     folder: study_folder.StudyFolder,
+    locators: Mapping[str, str],
     owner_id: int | None,
     actor: str,
     may_replace: Callable[[Session, int], bool],
 ) -> StudyInfo:
     plan = folder.plan
-    places = list(_candidates(folder))
+    places = list(_candidates(folder, locators))
     with studio.database.write() as session:
         earlier = session.scalar(select(Study).where(Study.slug == plan.slug))
         ties = {} if owner_id is None else {owner_id: OWNER}
@@ -324,12 +324,12 @@ def _store(session: Session, study_id: int, places: Sequence[_Place]) -> None:
     )
 
 
-def _candidates(folder: study_folder.StudyFolder) -> Iterator[_Place]:
+def _candidates(folder: study_folder.StudyFolder, locators: Mapping[str, str]) -> Iterator[_Place]:
     for name, environment in folder.plan.environments.items():
         if environment.source == recordings.CRANE:
             yield from _crane_candidates(name)
         else:
-            yield from _file_candidates(folder, name)
+            yield from _file_candidates(folder, locators, name)
 
 
 def _crane_candidates(environment: str) -> Iterator[_Place]:
@@ -355,7 +355,9 @@ def _crane_candidates(environment: str) -> Iterator[_Place]:
         )
 
 
-def _file_candidates(folder: study_folder.StudyFolder, environment: str) -> Iterator[_Place]:
+def _file_candidates(
+    folder: study_folder.StudyFolder, locators: Mapping[str, str], environment: str
+) -> Iterator[_Place]:
     names = [parameter.name for parameter in folder.plan.parameters]
     found: dict[tuple[float, ...], _Place] = {}
     for row in folder.recordings:
@@ -375,7 +377,7 @@ def _file_candidates(folder: study_folder.StudyFolder, environment: str) -> Iter
             {
                 "run_index": len(place.recordings),
                 "source": recordings.FILE,
-                "locator": recordings.file_locator(row.file, row.sha256),
+                "locator": locators[row.sha256],
                 "file": row.file,
                 "duration_s": row.duration_s,
                 "score": row.score,

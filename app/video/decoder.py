@@ -20,6 +20,7 @@ from .encoding import transcode
 from .facts import UnreadableVideoError
 from .limits import Limits, be_the_first_to_go, keep_to
 from .probing import probe
+from .remuxing import remux
 from .stills import still
 
 #: How often it is looked whether somebody still waits for an answer, in seconds.
@@ -60,10 +61,12 @@ def _do(answers: IO[bytes], do: str, source: str, target: str = "") -> dict[str,
             return {"video": asdict(probe(Path(source)))}
         case "still":
             return {"still": base64.b64encode(still(Path(source))).decode("ascii")}
+        case "remux":
+            return {"form": remux(Path(source), Path(target))}
         case "transcode":
             transcode(Path(source), Path(target), _Seconds(answers))
             return {"is_made": True}
-    raise ValueError(f"expected probe, still or transcode, got {do!r}")
+    raise ValueError(f"expected probe, still, remux or transcode, got {do!r}")
 
 
 class _Seconds:

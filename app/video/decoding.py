@@ -58,6 +58,7 @@ class _Answer:
     video: Video | None = None
     still: str | None = None
     is_made: bool = False
+    form: str | None = None
 
 
 _ANSWERS = TypeAdapter(_Answer)
@@ -99,6 +100,16 @@ class Decoder:
             said = self._ask(defaults.TRANSCODING, "transcode", source, target, at)
             if not said.is_made:
                 raise DecoderFailedError(_FAILED)
+        finally:
+            part_of(target).unlink(missing_ok=True)
+
+    def remux(self, source: Path, target: Path) -> str:
+        """Copy the pictures to `target`, and no metadata; the form of both. As `remuxing.remux`."""
+        try:
+            said = self._ask(defaults.REMUXING, "remux", source, target)
+            if said.form is None:
+                raise DecoderFailedError(_FAILED)
+            return said.form
         finally:
             part_of(target).unlink(missing_ok=True)
 

@@ -28,6 +28,8 @@ class Limits:
 #: Enough for the worst that was measured: 2.0 GB for H.264 of 50 million pixels, the largest that
 #: are taken, each referring to sixteen others.
 PROBING = Limits(memory_bytes=2 << 30, silent_s=120.0, processor_s=240, file_bytes=0)
+#: Nothing is decoded; a video of an hour may be large.
+REMUXING = Limits(memory_bytes=2 << 30, silent_s=300.0, processor_s=600, file_bytes=8 << 30)
 #: An hour of video at the slowest that was met: two seconds of processor for each of its own.
 TRANSCODING = Limits(memory_bytes=2 << 30, silent_s=120.0, processor_s=7200, file_bytes=8 << 30)
 

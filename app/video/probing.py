@@ -44,7 +44,7 @@ def probe(path: Path) -> Video:
                 duration_s=duration_s,
                 codec=stream.codec_context.name.removeprefix("lib").replace("dav1d", "av1"),
                 pixel_format=first.format.name,
-                container=_container(container, path),
+                container=container_of(container, path),
                 width=first.width,
                 height=first.height,
                 has_audio=bool(container.streams.audio),
@@ -108,7 +108,8 @@ def _stated_duration_s(container: InputContainer, stream: VideoStream) -> float 
     return None
 
 
-def _container(container: InputContainer, path: Path) -> str:
+def container_of(container: InputContainer, path: Path) -> str:
+    """The form of an open file, whatever its name says."""
     names = container.format.name.split(",")
     if "mp4" in names:
         return "mp4"

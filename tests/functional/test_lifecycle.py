@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -163,7 +164,9 @@ def test_a_copy_keeps_its_scores_and_its_candidates(
     here = desk.post(f"{kettles}/clone", new_slug="pots").headers["location"]
     copied = studies.load_folder(str((studio.settings.uploads_dir / here.strip("/")).resolve()))
     first = studies.load_folder(str(folder))
-    assert copied.recordings == first.recordings
+    # Of the studio's copies of the videos, which hold no metadata.
+    held = [[replace(row, sha256="") for row in one.recordings] for one in (copied, first)]
+    assert held[0] == held[1]
 
 
 def test_a_study_of_the_crane_is_copied_too(desk: Desk, studio: Studio, tmp_path: Path) -> None:

@@ -7,6 +7,7 @@ import io
 import os
 from pathlib import Path
 
+import av
 import httpx
 import pandas as pd
 import pytest
@@ -96,7 +97,13 @@ def test_a_video_is_what_the_folder_holds(
     assert response.headers["content-type"] == "video/mp4"
     assert response.headers["accept-ranges"] == "bytes"
     assert "immutable" in response.headers["cache-control"]
-    assert response.content in {video.read_bytes() for video in (folder / "videos").iterdir()}
+    shown = io.BytesIO(response.content)
+    assert frames(shown) in [frames(video) for video in (folder / "videos").iterdir()]
+
+
+def frames(video: Path | io.BytesIO) -> list[bytes]:
+    with av.open(video, mode="r") as container:
+        return [frame.to_ndarray().tobytes() for frame in container.decode(video=0)]
 
 
 PARTS = [("bytes=0-99", 0, 100), ("bytes=100-", 100, None), ("bytes=-7", -7, None)]
@@ -140,18 +147,46 @@ def test_a_video_that_is_not_there_is_not_found(
     assert refusal.headers["content-type"] == "application/problem+json"
 
 
-def test_a_video_of_another_form_is_called_what_it_is(
+@pytest.mark.parametrize("called", [".webm", ".mov", ".m4v"])
+def test_a_video_is_called_what_it_is_and_not_what_its_name_says(
+    client: Api, studio: Studio, tmp_path: Path, called: str
+) -> None:
+    folder = write_own_study(tmp_path / "kettles")
+    for video in (folder / "videos").iterdir():
+        video.rename(video.with_suffix(called))
+    recordings = folder / "recordings.csv"
+    recordings.write_text(recordings.read_text().replace(".mp4", called))
+    studies.create(studio, studies.load_folder(str(folder)))
+    studies.open_study(studio, "kettles")
+    url = client.start("kettles").to_first_query().state["query"]["left"]["url"]
+    assert client.get(url).headers["content-type"] == "video/mp4"
+
+
+def test_a_video_is_handed_out_without_its_metadata(
     client: Api, studio: Studio, tmp_path: Path
 ) -> None:
     folder = write_own_study(tmp_path / "kettles")
     for video in (folder / "videos").iterdir():
-        video.rename(video.with_suffix(".webm"))
-    recordings = folder / "recordings.csv"
-    recordings.write_text(recordings.read_text().replace(".mp4", ".webm"))
+        plain = video.rename(video.with_suffix(".plain"))
+        with (
+            av.open(plain) as given,
+            av.open(video, mode="w", options={"movflags": "+faststart"}) as written,
+        ):
+            written.metadata.update({"title": "SECRETTITLE method=bo", "comment": "GPSSECRET"})
+            stream = written.add_stream_from_template(given.streams.video[0])
+            for packet in given.demux(video=0):
+                if packet.size:
+                    packet.stream = stream
+                    written.mux(packet)
+        plain.unlink()
+        assert b"SECRET" in video.read_bytes()
     studies.create(studio, studies.load_folder(str(folder)))
     studies.open_study(studio, "kettles")
-    url = client.start("kettles").to_first_query().state["query"]["left"]["url"]
-    assert client.get(url).headers["content-type"] == "video/webm"
+    query = client.start("kettles").to_first_query().state["query"]
+    for side in ("left", "right"):
+        assert b"SECRET" not in client.get(query[side]["url"]).content
+    for kept in studio.settings.own_videos.glob("*.mp4"):
+        assert b"SECRET" not in kept.read_bytes()
 
 
 def test_a_video_whose_file_has_gone_is_not_found_and_the_session_goes_on(

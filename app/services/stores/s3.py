@@ -59,9 +59,11 @@ class S3Store:
         return {name: size for name, size in found.items() if size is not None}
 
     def put(self, name: str, file: Path) -> None:
-        # What is remembered does not count: another process may have thrown the file away.
+        # What is remembered does not count: another process may have thrown the file away. One of
+        # another size is as an earlier version of this program made it.
         self._look(name)
-        if self.at_hand(name):
+        seen = self._seen.find(name)
+        if seen is not None and seen[0] == file.stat().st_size:
             return
         with file.open("rb") as body:
             self._bucket.ask(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from pathlib import Path
 
 import av
@@ -68,6 +69,13 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def own_study(studio: Studio, folder: Path) -> StudyInfo:
     studies.create(studio, studies.load_folder(str(folder)))
     return studies.open_study(studio, "kettles")
+
+
+def frames(video: Path | bytes) -> list[bytes]:
+    """The pictures of a video, decoded."""
+    opened: Path | io.BytesIO = io.BytesIO(video) if isinstance(video, bytes) else video
+    with av.open(opened, mode="r") as container:
+        return [frame.to_ndarray().tobytes() for frame in container.decode(video=0)]
 
 
 def _write_video(path: Path, shade: int) -> None:

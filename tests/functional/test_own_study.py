@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import asyncio
 import io
-import os
 from pathlib import Path
 
 import av
-import httpx
 import pandas as pd
 import pytest
-from anyio import to_thread
 
 from app.services import studies
 from app.services.studies import StudyInfo
@@ -19,7 +15,7 @@ from app.services.studio import Studio
 from tests.conftest import Clock
 
 from .client import Api, by_turns
-from .own_study import folder, own_study, write_own_study
+from .own_study import folder, frames, own_study, write_own_study
 
 __all__ = ["folder", "own_study"]
 
@@ -97,13 +93,7 @@ def test_a_video_is_what_the_folder_holds(
     assert response.headers["content-type"] == "video/mp4"
     assert response.headers["accept-ranges"] == "bytes"
     assert "immutable" in response.headers["cache-control"]
-    shown = io.BytesIO(response.content)
-    assert frames(shown) in [frames(video) for video in (folder / "videos").iterdir()]
-
-
-def frames(video: Path | io.BytesIO) -> list[bytes]:
-    with av.open(video, mode="r") as container:
-        return [frame.to_ndarray().tobytes() for frame in container.decode(video=0)]
+    assert frames(response.content) in [frames(video) for video in (folder / "videos").iterdir()]
 
 
 PARTS = [("bytes=0-99", 0, 100), ("bytes=100-", 100, None), ("bytes=-7", -7, None)]
@@ -212,26 +202,3 @@ def test_creating_a_study_leaves_its_folder_as_it_was_and_needs_it_no_more(
     folder.rename(tmp_path / "elsewhere")
     state = client.start("kettles").to_first_query().state
     assert client.get(state["query"]["right"]["url"]).status_code == 200
-
-
-def test_a_video_that_is_in_memory_waits_for_no_thread_and_any_other_for_one(
-    client: Api, url: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    content = client.get(url).content
-
-    async def with_all_threads_busy(http: httpx.AsyncClient) -> list[httpx.Response]:
-        threads = to_thread.current_default_thread_limiter()
-        for one in range(int(threads.total_tokens)):
-            threads.acquire_on_behalf_of_nowait(one)
-        try:
-            at_once = await asyncio.wait_for(http.get(url), 5)
-            monkeypatch.setattr(os, "preadv", lambda *_: 0)
-            with pytest.raises(TimeoutError):
-                await asyncio.wait_for(http.get(url), 0.5)
-        finally:
-            for one in range(int(threads.total_tokens)):
-                threads.release_on_behalf_of(one)
-        return [at_once, await http.get(url)]
-
-    answers = client.run(with_all_threads_busy)
-    assert [(one.status_code, one.content) for one in answers] == [(200, content)] * 2

@@ -33,6 +33,7 @@ from app.web import (
     invitation_pages,
     job_pages,
     leaving_pages,
+    live,
     manage_pages,
     media,
     overview_pages,
@@ -102,6 +103,7 @@ def create_app(
     app.state.studio = opened
     # A server that is told to stop says so here, so that streams end before it waits for them.
     app.state.stopping = lambda: False
+    app.state.streams = live.Streams()
     problems.install(app)
     app.add_middleware(body_limit.BodyLimit)
     app.add_middleware(guard.Guard)

@@ -17,7 +17,7 @@ from starlette.responses import Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from .guard import turned_away
-from .security import is_signed_in
+from .security import signed_in_now
 
 #: What every route takes that the table does not name.
 SMALL: Final = 64_000
@@ -100,7 +100,10 @@ class _Limited:
     async def _hold(self, length: int) -> None:
         if length > SMALL and not self._is_known:
             # Long forms are for those who are signed in, sent as our pages send them.
-            if not self._is_form or not await run_in_threadpool(is_signed_in, Request(self._scope)):
+            if (
+                not self._is_form
+                or await run_in_threadpool(signed_in_now, Request(self._scope)) is None
+            ):
                 self._limit = SMALL
             self._is_known = True
         if length > self._limit:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from datetime import timedelta
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Header, Request
@@ -18,13 +19,16 @@ from app.services.watching import overview as watching
 from app.services.watching.stamp import stamp
 
 from .desk import DataOf, DesignOf, SignedIn
-from .live import changes, event_stream
+from .live import Streams, changes, event_stream
 from .own_address import base_url
-from .security import StudioDep
+from .security import StudioDep, signed_in_now
 from .study_frame import study_page
 from .templating import page
 
 router = APIRouter(include_in_schema=False)
+
+#: When a page that found too many others open may ask again.
+_COME_BACK = timedelta(seconds=10)
 
 MODES = (*modes.ALL, "all")
 
@@ -76,10 +80,11 @@ def live(study: DataOf, request: Request, studio: StudioDep, mode: str = "live")
 
 
 @router.get("/studies/{slug}/events")
-def events(
+async def events(
     study: DataOf,
     request: Request,
     studio: StudioDep,
+    caller: SignedIn,
     mode: str = "live",
     known: str | None = None,
     last_event_id: Annotated[str | None, Header()] = None,
@@ -87,11 +92,17 @@ def events(
     """An event whenever something of the page has changed since the stamp that it knows."""
     modes = watching.modes_of(mode_of(mode))
     stopping: Callable[[], bool] = request.app.state.stopping
+    streams: Streams = request.app.state.streams
+    ended = streams.opened(caller.account_id, studio.now() + _COME_BACK)
 
-    def now() -> str:
+    def now() -> str | None:
+        # Signed out, disabled or kept out since: nothing more is told.
+        asking = signed_in_now(request)
+        if asking is None or not access.may(studio, asking, study.slug, Right.DATA):
+            return None
         return stamp(studio, study.id, modes, study.plan.lease_minutes)
 
-    return event_stream(changes(now, last_event_id or known, stopping))
+    return event_stream(changes(now, last_event_id or known, stopping), ended)
 
 
 def _shown(studio: Studio, study: StudyInfo, mode: str) -> dict[str, Any]:

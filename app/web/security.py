@@ -102,15 +102,13 @@ def _found(
         return None
 
 
-def is_signed_in(request: Request) -> bool:
-    """Whether a browser's sign-in or an API token came that is in force."""
-    token = bearer(request.headers.get("authorization"))
+def signed_in_now(request: Request) -> Experimenter | None:
+    """The experimenter whose API token or sign-in came with this, if it is still in force."""
+    studio = studio_of(request)
+    if token := bearer(request.headers.get("authorization")):
+        return _found(accounts.by_api_token, studio, token)
     cookie = request.cookies.get(SIGN_IN_COOKIE)
-    if token is not None:
-        return _found(accounts.by_api_token, studio_of(request), token) is not None
-    return (
-        cookie is not None and _found(accounts.by_sign_in, studio_of(request), cookie) is not None
-    )
+    return _found(accounts.by_sign_in, studio, cookie) if cookie else None
 
 
 async def experimenter(

@@ -110,7 +110,7 @@ def _standalone(page: Response, stills: list[str | None]) -> str:
         # As it looks once the videos play.
         html = html.replace('data-state="loading"', 'data-state="playing"')
         html = re.sub(r'<div class="player-note">.*?</div>', "", html, flags=re.DOTALL)
-        html = html.replace('aria-disabled="true"', 'aria-disabled="false"')
+        html = html.replace(' disabled aria-disabled="true"', ' aria-disabled="false"')
     # Last: what was changed above stands in the styles, too.
     return html.replace("</head>", f"  {styles}\n</head>")
 

@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from contextlib import suppress
+from typing import Annotated, Any, Literal
 
-from fastapi import APIRouter, Depends, Request
+from fastapi import APIRouter, Depends, Form, Request
 from fastapi.responses import Response
 
+from app.services import answers as pair_answers
 from app.services import participation, questionnaires
-from app.services.errors import AnswersRefusedError
+from app.services.answers import Answer
+from app.services.errors import AnswersRefusedError, ResponseRefusedError
+from app.services.queries import Happening
 from app.services.state import State
 
 from .failing_kindly import FailingKindly
 from .in_line import in_line
 from .security import StudioDep
-from .session_pages import do, render, token_of
+from .session_pages import do, render, to_stage, token_of
 from .words import translatable
 
 router = APIRouter(prefix="/s/{slug}", include_in_schema=False, route_class=FailingKindly)
@@ -42,6 +46,26 @@ TITLES = {
 def screen_out(slug: str, request: Request, studio: StudioDep) -> Response:
     """Leave the device check for good."""
     return do(slug, lambda: participation.screen_out(studio, token_of(request, slug)))
+
+
+@router.post("/respond")
+@in_line
+def respond(
+    slug: str,
+    request: Request,
+    studio: StudioDep,
+    query_id: Annotated[str, Form(min_length=1, max_length=64)],
+    response: Annotated[Literal["left", "right", "skip"], Form()],
+    rt_ms: Annotated[float | None, Form(ge=0, le=1e9, allow_inf_nan=False)] = None,
+    skip_reason: Annotated[str | None, Form(max_length=60)] = None,
+) -> Response:
+    """Answer the open query by the page's form: what a page sends whose scripts have failed."""
+    by_form = Happening("sent_by_form", None, rt_ms or 0.0, None)
+    answer = Answer(query_id, response, rt_ms, skip_reason, (by_form,))
+    # An answer to a pair that has one, or was replaced: the page of the open pair follows.
+    with suppress(ResponseRefusedError):
+        return do(slug, lambda: pair_answers.respond(studio, token_of(request, slug), answer))
+    return to_stage(slug)
 
 
 async def form_fields(request: Request) -> dict[str, str]:

@@ -3,6 +3,8 @@
  * The skip button is on the page only while the condition offers a skip.
  */
 
+import { wasReady } from "./failure.js";
+
 export class AnswerButtons {
   /** @type {boolean} */
   #open = false;
@@ -32,9 +34,10 @@ export class AnswerButtons {
   set isOpen(open) {
     this.#open = open;
     for (const button of this.buttons) {
+      button.disabled = false; // as it is only where no script works
       button.setAttribute("aria-disabled", String(!open));
       if (open) {
-        button.setAttribute("aria-pressed", "false");
+        delete button.dataset.chosen;
       }
     }
   }
@@ -44,6 +47,7 @@ export class AnswerButtons {
    * @param {{label: string} | null} skip
    */
   reset(skip) {
+    this.pair.toggleAttribute("data-skips", skip !== null);
     const present = this.buttons.find((button) => button.dataset.side === "skip");
     if (!skip) {
       present?.remove();
@@ -56,7 +60,7 @@ export class AnswerButtons {
     }
     this.isOpen = false;
     for (const button of this.buttons) {
-      button.setAttribute("aria-pressed", "false");
+      delete button.dataset.chosen;
     }
   }
 
@@ -67,7 +71,7 @@ export class AnswerButtons {
   confirm(response) {
     this.isOpen = false;
     for (const button of this.buttons) {
-      button.setAttribute("aria-pressed", String(button.dataset.side === response));
+      button.toggleAttribute("data-chosen", button.dataset.side === response);
     }
   }
 
@@ -77,9 +81,10 @@ export class AnswerButtons {
     const button = /** @type {HTMLButtonElement} */ (left.cloneNode());
     button.className = "button button-red";
     button.dataset.side = "skip";
+    button.value = "skip";
     button.dataset.testid = "skip";
     const key = document.createElement("kbd");
-    key.className = "key";
+    key.className = "key key-y";
     key.setAttribute("aria-hidden", "true");
     key.textContent = "↓";
     button.append(document.createElement("span"), key);
@@ -91,6 +96,10 @@ export class AnswerButtons {
   /** @param {HTMLButtonElement} button */
   #listen(button) {
     button.addEventListener("click", (event) => {
+      if (!wasReady()) {
+        return; // the browser sends the form
+      }
+      event.preventDefault();
       this.onPress(/** @type {import("./api.js").Response} */ (button.dataset.side), event);
     });
   }

@@ -17,28 +17,37 @@
  * @typedef {{query_id: string, reason: string, events: Evidence[], events_left_out: number}} Fault
  */
 
+import { Unreachable, request } from "./request.js";
+
 /** A request that takes longer than this is taken for a broken line, and tried again. */
 const TIMEOUT_MS = 15_000;
-
-/** The server could not be reached, or did not answer in time. */
-export class Unreachable extends Error {}
 
 /** The server answered that it will not do this (RFC 9457). */
 export class Refused extends Error {
   /**
    * @param {number} status
-   * @param {{title?: string, detail?: string, stage?: string}} problem
+   * @param {{type?: string, title?: string, detail?: string, stage?: string}} problem
    */
   constructor(status, problem) {
     super(problem.detail || problem.title || `The server answered ${status}.`);
     this.status = status;
     this.stage = problem.stage;
+    /** What kind of refusal it is: the last part of the problem's `type`. */
+    this.kind = problem.type?.split(":").pop() ?? "";
   }
 
   /** Whether the very same request may succeed later. */
   get isPassing() {
     return this.status >= 500 || this.status === 408 || this.status === 425 || this.status === 429;
   }
+}
+
+/**
+ * @param {unknown} error
+ * @returns {boolean} whether the very same request may succeed later; never of a mistake of ours
+ */
+export function mayPass(error) {
+  return error instanceof Unreachable || (error instanceof Refused && error.isPassing);
 }
 
 export class SessionApi {
@@ -108,23 +117,15 @@ export class SessionApi {
     if (body) {
       headers["Content-Type"] = "application/json";
     }
-    let response, content;
-    try {
-      response = await fetch(`/api/v1${path}`, {
-        method,
-        headers,
-        body: body ? JSON.stringify(body) : undefined,
-        credentials: "same-origin",
-        cache: "no-store",
-        signal: AbortSignal.timeout(TIMEOUT_MS),
-      });
-      content = await response.text();
-    } catch (error) {
-      throw new Unreachable(String(error));
+    /** @type {RequestInit} */
+    const options = { method, headers, credentials: "same-origin", cache: "no-store" };
+    if (body) {
+      options.body = JSON.stringify(body);
     }
-    const value = parsed(content);
-    if (!response.ok) {
-      throw new Refused(response.status, value ?? {});
+    const answer = await request(`/api/v1${path}`, options, TIMEOUT_MS);
+    const value = parsed(answer.content);
+    if (!answer.ok) {
+      throw new Refused(answer.status, value ?? {});
     }
     if (!value) {
       // A proxy or a hotel's sign-in page answered in the server's place.

@@ -5,6 +5,7 @@
 import { SessionApi } from "./api.js";
 import { Countdown, clockFace } from "./countdown.js";
 import { announce, byId, stateOfPage } from "./dom.js";
+import { isReady } from "./failure.js";
 import { gettext } from "./words.js";
 
 const api = new SessionApi(byId("break").dataset.slug ?? "");
@@ -29,13 +30,15 @@ const countdown = new Countdown({
       button.disabled = false;
       byId("resting").hidden = true;
       byId("over").hidden = false;
+      // The focus stays where it is: a key that is pressed just now must not go on.
       announce(gettext("The break is over. You can continue."));
-      button.focus();
     }
   },
 });
 
 countdown.set(stateOfPage().break?.seconds_left ?? 0);
+
+isReady();
 
 // A computer that slept may have stopped the page's clock, and another tab may have moved on: ask the server.
 document.addEventListener("visibilitychange", async () => {

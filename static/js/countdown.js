@@ -3,6 +3,7 @@
  * so that a computer whose date is wrong counts right.
  */
 
+import { now } from "./dom.js";
 import { gettext } from "./words.js";
 
 export class Countdown {
@@ -17,13 +18,13 @@ export class Countdown {
 
   /** @param {number} secondsLeft */
   set(secondsLeft) {
-    this.#endsAt = performance.now() + secondsLeft * 1000;
+    this.#endsAt = now() + secondsLeft * 1000;
     this.#tick();
   }
 
   #tick() {
     clearTimeout(this.#timer);
-    const left = this.#endsAt - performance.now();
+    const left = this.#endsAt - now();
     if (left <= 0) {
       this.listener.onTick(0);
       this.listener.onOver();

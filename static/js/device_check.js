@@ -2,9 +2,10 @@
  * The device check: plays a video, measures the page's width and the line, and says what to do if they will not do.
  */
 
-import { Refused, SessionApi } from "./api.js";
+import { Refused, SessionApi, mayPass } from "./api.js";
 import { Clip } from "./clip.js";
-import { announce, byId, stateOfPage, wantsLessMotion, within } from "./dom.js";
+import { announce, byId, now, stateOfPage, wantsLessMotion, within } from "./dom.js";
+import { isReady, showFailure } from "./failure.js";
 import { Preloader } from "./preloader.js";
 import { gettext } from "./words.js";
 
@@ -61,7 +62,7 @@ if (check.test_clip) {
 function play() {
   clearTimeout(patience);
   patience = setTimeout(() => measured.played || settle("clip", false), check.clip.duration_s * PATIENCE * 1000);
-  clip?.video.play().catch((error) => error.name === "NotAllowedError" && settle("clip", false));
+  Promise.resolve(clip?.video.play()).catch((error) => error.name === "NotAllowedError" && settle("clip", false));
 }
 
 function measureWidth() {
@@ -75,9 +76,9 @@ async function measureLine() {
   for (let turn = 0; turn < MEASUREMENTS; turn += 1) {
     try {
       const response = await fetch(check.clip.url, { cache: "no-store", credentials: "same-origin" });
-      const begun = performance.now();
+      const begun = now();
       const size = (await response.blob()).size;
-      const seconds = Math.max((performance.now() - begun) / 1000, 0.001);
+      const seconds = Math.max((now() - begun) / 1000, 0.001);
       if (response.ok) {
         measured.mbit_s = Math.max(measured.mbit_s ?? 0, Math.round((size * 8) / seconds / 1e4) / 100);
       }
@@ -123,12 +124,13 @@ function advise(lacks) {
   const text = lacks.map((name) => ADVICE[name]);
   const advice = byId("advice");
   if (advice.textContent !== text.join("")) {
-    advice.replaceChildren(...text.map((words) => {
+    advice.textContent = "";
+    for (const words of text) {
       const line = document.createElement("p");
       line.className = "notice";
       line.textContent = words;
-      return line;
-    }));
+      advice.append(line);
+    }
   }
 }
 
@@ -156,6 +158,10 @@ async function goOn() {
       location.reload(); // another tab has gone on, or the window has become narrower
       return;
     }
+    if (!mayPass(error)) {
+      showFailure(error);
+      return;
+    }
     announce(gettext("Not sent yet. Try again."));
     byId("advice").textContent = gettext("The server cannot be reached. Try again in a moment.");
   }
@@ -168,3 +174,4 @@ again.addEventListener("click", () => {
 });
 leave.addEventListener("click", goOn);
 begin();
+isReady();

@@ -54,7 +54,26 @@ export function announce(text) {
 
 /** @returns {boolean} whether the reader asked for less motion */
 export function wantsLessMotion() {
-  return window.matchMedia("(prefers-reduced-motion: reduce)").matches;
+  return window.matchMedia?.("(prefers-reduced-motion: reduce)").matches ?? false;
+}
+
+const loadedAt = Date.now();
+
+/** @returns {number} milliseconds on a clock that runs on evenly, which is the one of events */
+export function now() {
+  return globalThis.performance?.now ? performance.now() : Date.now() - loadedAt;
+}
+
+/**
+ * Do what goes with something else, and must not stand in its way.
+ * @param {() => void} action
+ */
+export function attempt(action) {
+  try {
+    action();
+  } catch (error) {
+    console.error(error);
+  }
 }
 
 /**

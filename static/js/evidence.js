@@ -3,6 +3,8 @@
  * Times are milliseconds since the pair came onto the page; `rt_ms` is counted from both videos playing.
  */
 
+import { attempt, now } from "./dom.js";
+
 /** A record longer than this says nothing more; it only gets heavier. The server keeps 60. */
 const MOST_EVENTS = 48;
 
@@ -28,7 +30,7 @@ export class EvidenceLog {
     this.replays = 0;
     this.#events = [];
     this.#leftOut = 0;
-    this.#shownAt = performance.now();
+    this.#shownAt = now();
     this.#playingAt = NaN;
     this.add("shown");
     this.add(document.visibilityState);
@@ -52,7 +54,7 @@ export class EvidenceLog {
       this.#leftOut += 1;
       return;
     }
-    this.#events.push({ event, side, time_ms: Math.round(performance.now() - this.#shownAt), value });
+    this.#events.push({ event, side, time_ms: Math.round(now() - this.#shownAt), value });
   }
 
   /**
@@ -92,9 +94,9 @@ export class EvidenceLog {
    */
   #close(pair) {
     for (const { side, video } of pair.clips) {
-      this.add("watched", side, Math.round(watchedFraction(video) * 1000) / 1000);
+      attempt(() => this.add("watched", side, Math.round(watchedFraction(video) * 1000) / 1000));
       this.add("width", side, Math.round(video.clientWidth));
-      this.add("dropped_frames", side, video.getVideoPlaybackQuality?.().droppedVideoFrames ?? null);
+      attempt(() => this.add("dropped_frames", side, video.getVideoPlaybackQuality?.().droppedVideoFrames ?? null));
     }
     this.add("worst_drift", null, Math.round(pair.worstDrift));
     return this.#events;

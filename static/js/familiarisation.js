@@ -2,9 +2,11 @@
  * The familiarisation page: one player that goes through a list of videos by itself.
  */
 
-import { Refused, SessionApi } from "./api.js";
+import { Refused, SessionApi, mayPass } from "./api.js";
 import { Clip } from "./clip.js";
 import { announce, byId, focusHeading, pause, stateOfPage, wantsLessMotion, within } from "./dom.js";
+import { isReady, showFailure } from "./failure.js";
+import { keep, kept } from "./kept.js";
 import { listenForKeys } from "./keys.js";
 import { Preloader } from "./preloader.js";
 import { gettext } from "./words.js";
@@ -64,7 +66,7 @@ function go(to) {
 
 function play() {
   playsByItself = true;
-  video.play().catch((error) => {
+  Promise.resolve(video.play()).catch((error) => {
     if (error.name === "NotAllowedError") {
       playsByItself = false; // the Play button starts it
       label();
@@ -115,6 +117,10 @@ async function tell(place) {
         location.reload(); // another tab has gone on: the server shows where
         return;
       }
+      if (!mayPass(error)) {
+        showFailure(error);
+        return;
+      }
       byId("continue-note").textContent = gettext("Not saved yet. Trying again.");
       await pause(RETRY_S[Math.min(attempt, RETRY_S.length - 1)]);
     }
@@ -143,22 +149,13 @@ function useSpeed(speed) {
   for (const button of speedButtons) {
     button.setAttribute("aria-pressed", String(Number(button.dataset.speed) === speed));
   }
-  try {
-    sessionStorage.setItem(speedKey, String(speed));
-  } catch {
-    // Then a refresh begins at the first speed again.
-  }
+  keep("sessionStorage", speedKey, speed);
 }
 
 /** @returns {number} the speed last chosen, if it is still offered */
 function keptSpeed() {
-  let kept = NaN;
-  try {
-    kept = Number(sessionStorage.getItem(speedKey) ?? NaN);
-  } catch {
-    // No storage: the first speed.
-  }
-  return familiarisation.speeds.includes(kept) ? kept : familiarisation.speeds[0];
+  const before = Number(kept("sessionStorage", speedKey) ?? NaN);
+  return familiarisation.speeds.includes(before) ? before : familiarisation.speeds[0];
 }
 
 for (const event of ["play", "playing", "pause", "ended", "emptied"]) {
@@ -195,3 +192,4 @@ count();
 useSpeed(keptSpeed());
 go(index);
 label();
+isReady();

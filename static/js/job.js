@@ -3,8 +3,10 @@
  */
 
 import { announce } from "./dom.js";
+import { Unreachable, request } from "./request.js";
 
 const EVERY_MS = 1000;
+const WAIT_FOR_ANSWER_MS = 15_000;
 
 for (const job of document.querySelectorAll("[data-job]")) {
   if (job instanceof HTMLElement) {
@@ -19,11 +21,11 @@ async function watch(job) {
   for (;;) {
     await new Promise((resolve) => setTimeout(resolve, EVERY_MS));
     try {
-      const answer = await fetch(job.dataset.job ?? "", { headers: { accept: "application/json" } });
-      if (!answer.ok) {
-        continue;
+      const answer = await request(job.dataset.job ?? "", { headers: { accept: "application/json" } }, WAIT_FOR_ANSWER_MS);
+      if (!answer.ok || !answer.content.startsWith("{")) {
+        continue; // refused for now, or a page that stands before the server's
       }
-      const state = await answer.json();
+      const state = JSON.parse(answer.content);
       if (bar instanceof HTMLProgressElement && says instanceof HTMLElement) {
         bar.max = state.total;
         bar.value = state.done;
@@ -34,7 +36,13 @@ async function watch(job) {
         location.reload();
         return;
       }
-    } catch {
+    } catch (error) {
+      if (!(error instanceof Unreachable)) {
+        if (says) {
+          says.textContent = "This page has failed to show how far it is. Reload it to see.";
+        }
+        throw error;
+      }
       // The server is away for a moment: ask again.
     }
   }

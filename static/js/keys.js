@@ -1,13 +1,50 @@
 /**
- * Keys of a page. They work only while no control has the focus, so that they never
- * take a key away from the control that a person is using.
+ * Keys of a page. They never take a key away from the control that has the focus, nor from a page that it would
+ * scroll: a person who scrolls must not answer by it.
  */
 
-const CONTROLS = 'a[href], button, input, select, textarea, summary, [contenteditable], [tabindex="0"]';
+/** What uses the arrow keys itself while it has the focus. */
+const FIELDS = "input, select, textarea, [contenteditable], video[controls]";
 
-/** @returns {boolean} */
-function controlHasFocus() {
-  return document.activeElement?.matches(CONTROLS) ?? false;
+/** What Space and Enter press while it has the focus. */
+const CONTROLS = `${FIELDS}, a[href], button, summary, [tabindex="0"]`;
+
+/** The direction in which a browser scrolls by a key. */
+const SCROLLS = new Map(
+  /** @type {[string, "x" | "y"][]} */ ([
+    ["ArrowLeft", "x"],
+    ["ArrowRight", "x"],
+    ["ArrowUp", "y"],
+    ["ArrowDown", "y"],
+    ["PageUp", "y"],
+    ["PageDown", "y"],
+    ["Home", "y"],
+    ["End", "y"],
+    [" ", "y"],
+  ]),
+);
+
+/**
+ * @param {"x" | "y"} direction
+ * @returns {boolean} whether there is more of the page in this direction than is in sight
+ */
+function scrolls(direction) {
+  const { scrollWidth, clientWidth, scrollHeight, clientHeight } = document.documentElement;
+  const isMagnified = (window.visualViewport?.scale ?? 1) > 1.01;
+  return isMagnified || (direction === "x" ? scrollWidth > clientWidth : scrollHeight > clientHeight);
+}
+
+/** Take the names of keys from the buttons that the page needs for scrolling, as long as it does. */
+function showKeys() {
+  for (const direction of /** @type {const} */ (["x", "y"])) {
+    document.documentElement.toggleAttribute(`data-scrolls-${direction}`, scrolls(direction));
+  }
+}
+
+/** @param {string} key */
+function isTaken(key) {
+  const taking = key.startsWith("Arrow") ? FIELDS : CONTROLS;
+  return document.activeElement?.matches(taking) ?? false;
 }
 
 /**
@@ -16,12 +53,22 @@ function controlHasFocus() {
 export function listenForKeys(bindings) {
   document.addEventListener("keydown", (event) => {
     const action = bindings[event.key];
-    if (!action || event.ctrlKey || event.metaKey || event.altKey || event.shiftKey || controlHasFocus()) {
+    if (!action || event.defaultPrevented || event.ctrlKey || event.metaKey || event.altKey || event.shiftKey || isTaken(event.key)) {
       return;
     }
-    // A key held down says one thing once; its repeats must not scroll the page either.
+    const direction = SCROLLS.get(event.key);
+    if (direction && scrolls(direction)) {
+      return;
+    }
+    // A key held down says one thing once.
     if (event.repeat || action(event)) {
       event.preventDefault();
     }
   });
+  showKeys();
+  window.addEventListener("resize", showKeys);
+  window.visualViewport?.addEventListener("resize", showKeys);
+  if ("ResizeObserver" in window) {
+    new ResizeObserver(showKeys).observe(document.body);
+  }
 }

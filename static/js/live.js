@@ -5,6 +5,7 @@
 
 import { announce, byId, within } from "./dom.js";
 import { patch } from "./patch.js";
+import { Unreachable, request } from "./request.js";
 import { showLocalTimes } from "./times.js";
 
 /** No more often than this, however much goes on, in milliseconds. */
@@ -45,17 +46,19 @@ function watch(line) {
     }
     fetching = true;
     try {
-      const answer = await fetch(line.dataset.live ?? "", {
-        redirect: "error",
-        signal: AbortSignal.timeout(WAIT_FOR_ANSWER),
-      });
+      const answer = await request(line.dataset.live ?? "", { redirect: "error" }, WAIT_FOR_ANSWER);
       if (!answer.ok) {
-        throw new Error(`expected the page's part, got ${answer.status}`);
+        throw new Unreachable(`expected the page's part, got ${answer.status}`);
       }
-      show(await answer.text());
+      show(answer.content);
       say(asking ? "What has changed is fetched every 10 seconds." : "Live: this page follows what happens.");
-    } catch {
-      say("The server cannot be reached, or you are signed out: this is how it was before.", true);
+    } catch (error) {
+      if (error instanceof Unreachable) {
+        say("The server cannot be reached, or you are signed out: this is how it was before.", true);
+      } else {
+        console.error(error);
+        say("This page has failed to show what has changed, by a fault of its own: this is how it was before.", true);
+      }
     }
     setTimeout(() => {
       fetching = false;
@@ -85,6 +88,11 @@ function watch(line) {
   let stream;
 
   function open() {
+    if (typeof EventSource !== "function") {
+      asking ??= setInterval(refresh, BETWEEN_ASKING);
+      say("What has changed is fetched every 10 seconds.");
+      return;
+    }
     const stamp = encodeURIComponent(byId("watching").dataset.stamp ?? "");
     stream = new EventSource(`${line.dataset.events}&known=${stamp}`);
     stream.addEventListener("open", () => {

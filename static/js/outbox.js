@@ -3,8 +3,9 @@
  * for as long as that takes, so that nobody is asked the same thing twice because a line broke.
  */
 
+import { mayPass } from "./api.js";
 import { pause } from "./dom.js";
-import { Refused, Unreachable } from "./api.js";
+import { forget, keep, kept } from "./kept.js";
 
 /** Seconds between attempts; the last one repeats. */
 const BACKOFF_S = [1, 2, 4, 8, 15];
@@ -30,19 +31,18 @@ export class Outbox {
    * @returns {Promise<import("./api.js").State>}
    */
   async send(answer) {
-    this.#keep(answer);
+    keep("localStorage", this.key, answer);
     for (let attempt = 0; ; attempt += 1) {
       try {
         const state = await this.api.respond(answer);
-        this.#forget();
+        forget("localStorage", this.key);
         if (attempt > 0) {
           this.listener.onSaved();
         }
         return state;
       } catch (error) {
-        const passing = error instanceof Unreachable || (error instanceof Refused && error.isPassing);
-        if (!passing) {
-          this.#forget();
+        if (!mayPass(error)) {
+          forget("localStorage", this.key);
           throw error;
         }
         this.listener.onLate();
@@ -65,28 +65,7 @@ export class Outbox {
    * @returns {import("./api.js").Answer | null}
    */
   unsaved(queryId) {
-    try {
-      const answer = JSON.parse(localStorage.getItem(this.key) ?? "null");
-      return answer?.query_id === queryId ? answer : null;
-    } catch {
-      return null;
-    }
-  }
-
-  /** @param {import("./api.js").Answer} answer */
-  #keep(answer) {
-    try {
-      localStorage.setItem(this.key, JSON.stringify(answer));
-    } catch {
-      // Storage may be full or forbidden: the answer then lives as long as the page does.
-    }
-  }
-
-  #forget() {
-    try {
-      localStorage.removeItem(this.key);
-    } catch {
-      // As above.
-    }
+    const answer = /** @type {import("./api.js").Answer | null} */ (kept("localStorage", this.key));
+    return answer?.query_id === queryId ? answer : null;
   }
 }

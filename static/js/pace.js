@@ -2,6 +2,7 @@
  * How long the comparisons still take, from how long they took so far.
  */
 
+import { keep, kept } from "./kept.js";
 import { gettext } from "./words.js";
 
 /** Seconds for one comparison before there is anything to go by: a 10 s video and a moment to decide. */
@@ -20,22 +21,14 @@ export class Pace {
   /** @param {string} slug */
   constructor(slug) {
     this.key = `pbpo:pace:${slug}`;
-    try {
-      const kept = JSON.parse(sessionStorage.getItem(this.key) ?? "[]");
-      this.#seconds = kept.filter(Number.isFinite);
-    } catch {
-      // Nothing kept: start from the guess.
-    }
+    const before = kept("sessionStorage", this.key);
+    this.#seconds = Array.isArray(before) ? before.filter(Number.isFinite) : [];
   }
 
   /** @param {number} seconds one comparison took, from pair to pair */
   took(seconds) {
     this.#seconds = [...this.#seconds, Math.min(seconds, LONGEST_S)].slice(-REMEMBERED);
-    try {
-      sessionStorage.setItem(this.key, JSON.stringify(this.#seconds));
-    } catch {
-      // It is only an estimate.
-    }
+    keep("sessionStorage", this.key, this.#seconds);
   }
 
   /**

@@ -2,10 +2,11 @@
  * What every page does: read its heading out on arrival, and send each form once.
  */
 
+import "./second_click.js";
 import { focusHeading } from "./dom.js";
 
 // A page that says where to begin, or has an error to read out, keeps the focus where the browser puts it.
-if (!document.querySelector('[autofocus], [role="alert"]')) {
+if (!document.querySelector('[autofocus], [role="alert"]:not([hidden])')) {
   focusHeading();
 }
 

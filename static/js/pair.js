@@ -12,7 +12,7 @@
  */
 
 import { Clip } from "./clip.js";
-import { wantsLessMotion } from "./dom.js";
+import { attempt, wantsLessMotion } from "./dom.js";
 
 /** A rest between the end and the next beginning, so that the two can be told apart. */
 const REST_MS = 800;
@@ -179,7 +179,7 @@ export class Pair {
   /** @param {number} turn */
   #playBoth(turn) {
     if (!this.#hasPlayed) {
-      this.#measureStart(turn);
+      attempt(() => this.#measureStart(turn));
     }
     const playing = this.videos.map((video) => {
       video.playbackRate = 1;

@@ -1,7 +1,7 @@
 /**
  * Videos fetched ahead of time, as blobs that a player can show without asking the network.
  *
- * @typedef {{loading: Promise<string | null>, blobUrl: string | null, stop: AbortController}} Entry
+ * @typedef {{loading: Promise<string | null>, blobUrl: string | null, stop: AbortController | null}} Entry
  */
 
 /** Two requests at a time leave the line room for everything else. */
@@ -67,7 +67,7 @@ export class Preloader {
     this.#queue = [];
     for (const [url, entry] of this.#entries) {
       if (!entry.blobUrl && !inUse.includes(url)) {
-        entry.stop.abort();
+        entry.stop?.abort();
         this.#entries.delete(url);
       }
     }
@@ -98,7 +98,7 @@ export class Preloader {
   again(url) {
     const old = this.#entries.get(url);
     if (old) {
-      old.stop.abort();
+      old.stop?.abort();
       if (old.blobUrl) {
         URL.revokeObjectURL(old.blobUrl);
       }
@@ -129,13 +129,12 @@ export class Preloader {
    * @returns {Promise<string | null>}
    */
   #fetch(url, cache) {
-    const stop = new AbortController();
+    const stop = typeof AbortController === "function" ? new AbortController() : null;
     /** @type {Entry} */
     const entry = {
       blobUrl: null,
       stop,
       loading: fetchedBlob(url, cache, stop).then((answer) => {
-        const blob = answer instanceof Blob ? answer : null;
         if (answer === "missing") {
           this.#missing.add(url);
         } else {
@@ -144,11 +143,10 @@ export class Preloader {
         if (this.#entries.get(url) !== entry) {
           return null; // let go of while it was on its way
         }
-        if (!blob) {
+        entry.blobUrl = answer && answer !== "missing" ? addressOf(answer) : null;
+        if (!entry.blobUrl) {
           this.#entries.delete(url);
-          return null;
         }
-        entry.blobUrl = URL.createObjectURL(blob);
         return entry.blobUrl;
       }),
     };
@@ -160,13 +158,13 @@ export class Preloader {
 /**
  * @param {string} url
  * @param {RequestCache} cache
- * @param {AbortController} stop
+ * @param {AbortController | null} stop
  * @returns {Promise<Blob | "missing" | null>}
  */
 async function fetchedBlob(url, cache, stop) {
-  const timer = setTimeout(() => stop.abort(), TIMEOUT_MS);
+  const timer = setTimeout(() => stop?.abort(), TIMEOUT_MS);
   try {
-    const response = await fetch(url, { cache, credentials: "same-origin", signal: stop.signal });
+    const response = await fetch(url, { cache, credentials: "same-origin", ...(stop ? { signal: stop.signal } : {}) });
     if (response.status === 404) {
       return "missing";
     }
@@ -175,5 +173,17 @@ async function fetchedBlob(url, cache, stop) {
     return null;
   } finally {
     clearTimeout(timer);
+  }
+}
+
+/**
+ * @param {Blob} blob
+ * @returns {string | null} null where the browser gives a blob no address: the video is played by its own then
+ */
+function addressOf(blob) {
+  try {
+    return URL.createObjectURL(blob);
+  } catch {
+    return null;
   }
 }

@@ -3,9 +3,11 @@
  */
 
 import { AnswerButtons } from "./answers.js";
-import { Refused, SessionApi } from "./api.js";
-import { announce, byId, focusHeading, pause, stateOfPage, within } from "./dom.js";
+import { Refused, SessionApi, mayPass } from "./api.js";
+import { announce, attempt, byId, focusHeading, now, pause, stateOfPage, within } from "./dom.js";
 import { EvidenceLog } from "./evidence.js";
+import { isReady, showFailure } from "./failure.js";
+import { sendByForm } from "./form.js";
 import { listenForKeys } from "./keys.js";
 import { Outbox } from "./outbox.js";
 import { Pace } from "./pace.js";
@@ -16,8 +18,8 @@ import { Theatre } from "./theatre.js";
 import { Undo } from "./undo.js";
 import { gettext } from "./words.js";
 
-/** A press this soon after a new pair was meant for the one before. */
-const GUARD_MS = 250;
+/** A press this soon after both videos of a new pair have begun to play was meant for the pair before. */
+const GUARD_MS = 700;
 
 /** Seconds after both videos play at which the server is asked what to preload; it is still working it out. */
 const ASK_AHEAD_S = [1, 2, 4, 8];
@@ -25,8 +27,8 @@ const ASK_AHEAD_S = [1, 2, 4, 8];
 /** Pairs in a row that may be replaced because a video is missing: if nothing is there, nobody must be led in circles. */
 const MOST_MISSING = 3;
 
-/** How long, once the new pair plays, the page still says that it took another's place. */
-const SAY_REPLACED_S = 4;
+/** How long, once the new pair plays, the page still says what became of the one before; or says it before it goes. */
+const SAY_BEFORE_S = 4;
 
 /** If a pair takes longer than this to play, the page says which one it is all the same. */
 const SAY_ANYWAY_MS = 1500;
@@ -55,13 +57,21 @@ let sending = false;
 let missing = 0;
 /** Whether both videos of this pair were seen to their end, or need not be. */
 let seen = true;
+/** Whether this pair has played for so long that a press is meant for it. */
+let settled = false;
 
 const pair = new Pair(within(stage, '.player[data-side="left"]'), within(stage, '.player[data-side="right"]'), preloader, {
   onFirstPlaying(at) {
     evidence.bothPlaying(at);
     missing = 0;
     const mine = turn;
-    setTimeout(() => mine === turn && open(), Math.max(0, shownAt + GUARD_MS - performance.now()));
+    const settle = () => {
+      if (mine === turn) {
+        settled = true;
+        open();
+      }
+    };
+    setTimeout(settle, Math.max(0, at + GUARD_MS - now()));
     lookAhead(mine);
   },
   onSeen() {
@@ -100,8 +110,9 @@ const outbox = new Outbox(api, {
 function show() {
   query = /** @type {import("./api.js").Query} */ (state.query);
   turn += 1;
-  shownAt = performance.now();
+  shownAt = now();
   sending = false;
+  settled = false;
   seen = !query.watch_once;
   heading.textContent = seen ? question : gettext("Watch both to the end");
   reasons.dismiss();
@@ -114,8 +125,10 @@ function show() {
   preloader.settle([query.left.url, query.right.url]);
   pair.show(query.left.url, query.right.url);
   stand();
-  // Away from the button that was pressed: the keys work, and nothing is pressed again by mistake.
+  // Away from the button that was pressed, and to the same place for every pair: nothing shows which side was
+  // chosen last, the keys work, and nothing is pressed again by mistake.
   focusHeading();
+  window.scrollTo?.(0, 0);
   const mine = turn;
   setTimeout(() => mine === turn && say(), SAY_ANYWAY_MS);
 
@@ -125,12 +138,12 @@ function show() {
   }
 }
 
-/** The pair can be answered. */
+/** Open the buttons if the pair can be answered. */
 function open() {
-  say();
-  if (!sending && seen) {
-    buttons.isOpen = true;
+  if (settled) {
+    say();
   }
+  buttons.isOpen = !sending && settled && seen;
 }
 
 /** How long it still takes; in the practice, and right after it, what its answers are for stands there instead. */
@@ -173,6 +186,19 @@ async function respond(response, event) {
   if (!buttons.isOpen || reasons.isOpen) {
     return;
   }
+  const { id } = query;
+  try {
+    await take(response, event);
+  } catch (error) {
+    postInstead({ query_id: id, response, rt_ms: NaN }, error);
+  }
+}
+
+/**
+ * @param {import("./api.js").Response} response
+ * @param {Event} event
+ */
+async function take(response, event) {
   evidence.add("pressed", null, event instanceof KeyboardEvent ? "key" : "button");
   const offered = response === "skip" ? query.skip?.reasons : undefined;
   const mine = turn;
@@ -184,28 +210,47 @@ async function respond(response, event) {
     return; // another pair came meanwhile, or the skip was taken back
   }
   const answer = evidence.answer(query.id, response, event.timeStamp, pair);
-  send(reason ? { ...answer, skip_reason: reason } : answer);
+  await send(reason ? { ...answer, skip_reason: reason } : answer);
+}
+
+/**
+ * A script of ours has failed: the answer goes the way that needs none.
+ * @param {import("./form.js").Sent} answer
+ * @param {unknown} error
+ */
+function postInstead(answer, error) {
+  console.error(error);
+  attempt(() => warn(gettext("Something in this page has failed. It is our fault. Your answer is being sent another way.")));
+  sendByForm(/** @type {HTMLFormElement} */ (stage), answer);
 }
 
 /** @param {import("./api.js").Answer} answer */
 async function send(answer) {
   sending = true;
-  undo.withdraw();
-  faultButton.setAttribute("aria-disabled", "true");
-  buttons.confirm(answer.response);
-  pace.took((performance.now() - shownAt) / 1000);
+  attempt(() => {
+    undo.withdraw();
+    faultButton.setAttribute("aria-disabled", "true");
+    buttons.confirm(answer.response);
+    pace.took((now() - shownAt) / 1000);
+  });
   let next;
+  let told = "";
   try {
     next = await outbox.send(answer);
   } catch (error) {
-    next = error instanceof Refused && error.status === 409 ? await whereNow() : null;
+    if (!(error instanceof Refused)) {
+      postInstead(answer, error);
+      return;
+    }
+    told = error.kind === "already-answered" ? gettext("This pair was already answered in another tab.") : "";
+    next = error.status === 409 ? await whereNow() : null;
     if (!next) {
       // Signed out, expired, or closed: the server's own page says so.
       warn(gettext("This answer could not be saved."), gettext("Reload the page"), () => location.reload());
       return;
     }
   }
-  arrive(next);
+  arrive(next, told);
 }
 
 /**
@@ -224,7 +269,7 @@ async function takeBack(queryId) {
     announce(gettext("Your last answer was taken back."));
   } catch (error) {
     sending = false;
-    buttons.isOpen = pair.hasPlayed && seen;
+    open();
     warn(error instanceof Refused ? gettext("It is too late to undo that answer.") : gettext("The answer could not be taken back."));
   }
 }
@@ -258,40 +303,57 @@ async function setAside(how) {
           // There is no other pair to show: this one may still come to play.
           sending = false;
           faultButton.setAttribute("aria-disabled", "false");
-          buttons.isOpen = pair.hasPlayed && seen;
+          open();
           warn(gettext("There is no other pair to show right now. If this one still comes, you can answer it."));
           return;
         }
-      } else {
+      } else if (mayPass(error)) {
         warn(gettext("The server cannot be reached. Trying again."));
         await pause(2);
+      } else {
+        showFailure(error);
+        return;
       }
     }
   }
-  arrive(next);
-  warn(gettext("That pair was set aside. Here is another one."));
-  const mine = turn;
-  while (mine === turn && !pair.hasPlayed) {
-    await pause(0.2);
-  }
-  await pause(SAY_REPLACED_S);
-  if (mine === turn) {
-    notice.hidden = true;
-  }
+  arrive(next, gettext("That pair was set aside. Here is another one."));
 }
 
 /**
  * Go where the server says the session is.
  * @param {import("./api.js").State} next
+ * @param {string} [told] what became of the pair before
  */
-function arrive(next) {
+async function arrive(next, told = "") {
   // From the practice into the first trial, and out of the trials, by a page of its own.
   if (next.stage !== state.stage || !next.query) {
+    if (told) {
+      warn(told);
+      await pause(SAY_BEFORE_S);
+    }
     location.reload();
     return;
   }
   state = next;
-  show();
+  try {
+    show();
+  } catch (error) {
+    console.error(error);
+    location.reload(); // the server knows the pair: the page begins anew with it
+    return;
+  }
+  if (!told) {
+    return;
+  }
+  warn(told);
+  const mine = turn;
+  while (mine === turn && !pair.hasPlayed) {
+    await pause(0.2);
+  }
+  await pause(SAY_BEFORE_S);
+  if (mine === turn) {
+    notice.hidden = true;
+  }
 }
 
 /** @returns {Promise<import("./api.js").State | null>} */
@@ -300,7 +362,7 @@ async function whereNow() {
     try {
       return await api.session();
     } catch (error) {
-      if (error instanceof Refused && !error.isPassing) {
+      if (!mayPass(error)) {
         return null;
       }
       warn(gettext("The server cannot be reached. Trying again."));
@@ -400,7 +462,7 @@ within(stage, ".replay").addEventListener("click", playAgain);
 byId("enlarge").addEventListener("click", keepKeysWorking);
 faultButton.addEventListener("click", (event) => {
   keepKeysWorking(event);
-  if (performance.now() - shownAt > GUARD_MS) {
+  if (now() - shownAt > GUARD_MS) {
     setAside("pressed");
   }
 });
@@ -432,5 +494,8 @@ window.addEventListener("pageshow", (event) => {
   }
 });
 
+// A page that is loaded again for the next pair begins at its top as well.
+history.scrollRestoration = "manual";
 sayTimeLeft();
 show();
+isReady();

@@ -28,9 +28,11 @@ export class Reasons {
    * @returns {Promise<string | null>} the name of the reason, or null for going back
    */
   ask(reasons) {
-    this.list.replaceChildren(...reasons.map((reason) => this.#button(reason)));
+    this.list.textContent = "";
+    this.list.append(...reasons.map((reason) => this.#button(reason)));
     this.panel.hidden = false;
-    this.buttons[0].focus();
+    // Not one of the reasons: the key that was pressed last, or that is held, must not choose one.
+    this.panel.focus();
     return new Promise((resolve) => {
       this.#choose = resolve;
     });
@@ -71,10 +73,15 @@ export class Reasons {
     const step = steps[/** @type {keyof typeof steps} */ (event.key)];
     if (event.key === "Escape") {
       this.#close(null);
+    } else if (step && event.repeat) {
+      // The key that opened the panel is still held.
     } else if (step) {
       const { buttons } = this;
       const at = buttons.indexOf(/** @type {HTMLButtonElement} */ (document.activeElement));
-      buttons[(at + step + buttons.length) % buttons.length].focus();
+      const next = at < 0 && step < 0 ? buttons.length - 1 : at + step;
+      buttons[(next + buttons.length) % buttons.length].focus();
+    } else if (event.key === " " && document.activeElement === this.panel) {
+      // Neither a reason nor a key that scrolls the page away from under the panel.
     } else {
       return;
     }

@@ -10,7 +10,7 @@ const AHEAD = "100px";
 /** @param {HTMLVideoElement} video */
 function play(video) {
   // A video that cannot be had stays as it is: what there is to know of it stands beside it.
-  video.play().catch(() => {});
+  Promise.resolve(video.play()).catch(() => {});
 }
 
 /** @param {HTMLVideoElement} video */

@@ -6,7 +6,16 @@
 const carried = document.getElementById("words")?.textContent;
 /** @type {Record<string, string>} */
 const translations = carried ? JSON.parse(carried) : {};
-const numbers = new Intl.NumberFormat(document.documentElement.lang);
+const numbers = numberFormat();
+
+/** @returns {{format: (number: number) => string}} as the page's language writes them, or plainly */
+function numberFormat() {
+  try {
+    return new Intl.NumberFormat(document.documentElement.lang);
+  } catch {
+    return { format: String };
+  }
+}
 
 /**
  * @param {string} english with places such as %(number)s

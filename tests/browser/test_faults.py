@@ -83,6 +83,31 @@ def test_a_second_tab_that_is_behind_is_brought_to_where_the_session_is(
     assert stored_responses(server) == ["left"]
 
 
+def test_a_stale_answer_of_a_second_tab_is_said_to_be_too_late(
+    context: BrowserContext, page: Page, server: Server
+) -> None:
+    enter(page, f"{server.url}/s/short")
+    page.evaluate("Object.defineProperty(document, 'visibilityState', { get: () => 'hidden' })")
+    second = context.new_page()
+    second.goto(f"{server.url}/s/short")
+    watch(second)
+    answer(second, "left", by="key")
+    page.bring_to_front()
+    page.keyboard.press("ArrowRight")
+    expect(page.get_by_text("This pair was already answered in another tab.")).to_be_visible()
+    expect(page.get_by_test_id("progress")).to_have_text("Part 1 of 3 · Pair 2 of 2")
+    assert stored_responses(server) == ["left"]
+    # Beyond the last pair of a part the page says so before it goes.
+    watch(second)
+    watch(page)
+    second.keyboard.press("ArrowLeft")
+    expect(second.get_by_role("heading", level=1)).to_have_text("Take a break")
+    page.keyboard.press("ArrowRight")
+    expect(page.get_by_text("This pair was already answered in another tab.")).to_be_visible()
+    expect(page.get_by_role("heading", level=1)).to_have_text("Take a break")
+    assert stored_responses(server) == ["left", "left"]
+
+
 def test_a_video_that_fails_to_load_says_so_and_recovers(page: Page, server: Server) -> None:
     broken = True
 

@@ -73,10 +73,12 @@ def test_a_reason_can_be_given_by_keys_alone(page: Page, serve: Serve) -> None:
     enter_small(page, f"{server.url}/s/small")
 
     page.keyboard.press("ArrowDown")
-    expect(page.get_by_test_id("reason-both_bad")).to_be_focused()
+    expect(page.get_by_role("group", name="Why do you skip this pair?")).to_be_focused()
     page.keyboard.press("Escape")
     expect(page.get_by_test_id("reason-both_bad")).to_be_hidden()
     page.keyboard.press("ArrowDown")
+    page.keyboard.press("ArrowDown")
+    expect(page.get_by_test_id("reason-both_bad")).to_be_focused()
     page.keyboard.press("ArrowRight")
     expect(page.get_by_test_id("reason-cannot_tell")).to_be_focused()
     page.keyboard.press("Enter")
@@ -84,6 +86,23 @@ def test_a_reason_can_be_given_by_keys_alone(page: Page, serve: Serve) -> None:
     page.keyboard.press("ArrowRight")
     at_query(page, 3)
     assert responses(server) == [("skip", "cannot_tell"), ("right", None)]
+
+
+def test_no_reason_is_given_by_the_key_that_asked_for_it(page: Page, serve: Serve) -> None:
+    server = serve(REASONS_PLAN)
+    enter_small(page, f"{server.url}/s/small")
+    for key in ("ArrowDown", "Enter"):
+        if key == "Enter":
+            page.get_by_test_id("skip").focus()
+        page.keyboard.down(key)
+        page.keyboard.down(key)  # held: the browser repeats it
+        page.keyboard.up(key)
+        page.keyboard.press("Space")
+        page.keyboard.press("Enter")
+        expect(page.get_by_role("group", name="Why do you skip this pair?")).to_be_visible()
+        page.keyboard.press("Escape")
+    page.wait_for_timeout(300)
+    assert responses(server) == []
 
 
 def test_buttons_stay_closed_until_both_videos_were_seen_to_their_end(

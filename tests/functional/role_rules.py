@@ -123,6 +123,7 @@ RULES: Mapping[str, Rule] = {
     "POST /s/{slug}/continue": ANYBODY,
     "POST /s/{slug}/screen-out": ANYBODY,
     "POST /s/{slug}/questionnaire": ANYBODY,
+    "POST /s/{slug}/respond": ANYBODY.with_(form={"query_id": "x", "response": "left"}),
     "GET /s/{slug}/withdraw": ANYBODY,
     "POST /s/{slug}/withdraw": ANYBODY,
     "GET /s/{slug}/delete": ANYBODY,

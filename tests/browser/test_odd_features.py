@@ -1,0 +1,229 @@
+"""Browsers that lack something: answers go by what they have; the first page says what cannot."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+from playwright.sync_api import Browser, BrowserContext, Page, Route, expect
+
+from app.services.settings import Settings
+from app.services.studio import open_studio
+from app.storage.tables import Event, Response
+
+from .evaluator import answer, enter_small, watch
+from .server import Server
+from .small_study import SMALL_PLAN
+from .test_faults import stored_responses
+
+Serve = Callable[[str], Server]
+
+#: Taken away one by one: what some browser since Safari 15.4, Firefox 97 and Chrome 99 lacked.
+FEATURES = (
+    "AbortSignal.timeout",
+    "AbortSignal.any",
+    "AbortController",
+    "AbortSignal",
+    "fetch",
+    "Request",
+    "Headers",
+    "XMLHttpRequest",
+    "localStorage",
+    "sessionStorage",
+    "indexedDB",
+    "performance",
+    "matchMedia",
+    "visualViewport",
+    "ResizeObserver",
+    "IntersectionObserver",
+    "EventSource",
+    "structuredClone",
+    "queueMicrotask",
+    "scrollTo",
+    "Blob",
+    "URL",
+    "URL.createObjectURL",
+    "URL.revokeObjectURL",
+    "Intl",
+    "Promise.any",
+    "Promise.allSettled",
+    "Object.hasOwn",
+    "Object.fromEntries",
+    "Array.prototype.at",
+    "Array.prototype.findLast",
+    "String.prototype.replaceAll",
+    "crypto.randomUUID",
+    "navigator.sendBeacon",
+    "History.prototype.scrollRestoration",
+    "Element.prototype.replaceChildren",
+    "Element.prototype.requestFullscreen",
+    "HTMLVideoElement.prototype.requestVideoFrameCallback",
+    "HTMLVideoElement.prototype.getVideoPlaybackQuality",
+    "HTMLMediaElement.prototype.played",
+    "HTMLFormElement.prototype.requestSubmit",
+    "SubmitEvent",
+    "HTMLDialogElement",
+)
+
+TAKE_AWAY = """(() => {
+    const path = "FEATURE".split(".");
+    const last = path.pop();
+    const holder = path.reduce((value, name) => value[name], window);
+    Object.defineProperty(holder, last, { value: undefined, configurable: true, writable: true });
+})()"""
+
+MANY = SMALL_PLAN.replace("queries_per_trial: 4", f"queries_per_trial: {len(FEATURES)}")
+
+
+def stored_events(server: Server) -> list[str]:
+    studio = open_studio(Settings(data_dir=server.data_dir, media_dir=server.media_dir))
+    try:
+        with studio.database.read() as session:
+            return [row.event for row in session.query(Event).order_by(Event.id)]
+    finally:
+        studio.close()
+
+
+def times(server: Server) -> list[float | None]:
+    studio = open_studio(Settings(data_dir=server.data_dir, media_dir=server.media_dir))
+    try:
+        with studio.database.read() as session:
+            return [row.rt_ms for row in session.query(Response).order_by(Response.id)]
+    finally:
+        studio.close()
+
+
+def test_whatever_a_browser_lacks_an_answer_is_stored(
+    context: BrowserContext, page: Page, serve: Serve
+) -> None:
+    server = serve(MANY)
+    enter_small(page, f"{server.url}/s/small")
+    page.close()
+    for number, feature in enumerate(FEATURES, start=1):
+        page = context.new_page()
+        page.add_init_script(TAKE_AWAY.replace("FEATURE", feature))
+        page.goto(f"{server.url}/s/small")
+        expect(page.get_by_test_id("answer-left"), feature).to_be_enabled()
+        page.get_by_test_id("answer-left").click()
+        if number < len(FEATURES):
+            there = page.get_by_text(f"Pair {number + 1} of {len(FEATURES)}")
+            expect(there, feature).to_be_visible()
+            expect(page.get_by_text("Not saved yet"), feature).to_be_hidden()
+        else:
+            expect(page.get_by_test_id("answer-left"), feature).to_be_hidden()
+        page.close()
+        assert len(stored_responses(server)) == number, feature
+
+
+def test_a_mistake_of_ours_is_no_broken_line_and_the_answer_is_sent_all_the_same(
+    page: Page, serve: Serve
+) -> None:
+    server = serve(SMALL_PLAN)
+    enter_small(page, f"{server.url}/s/small")
+    mistake = "JSON.stringify = () => { throw new TypeError('a mistake') }"
+    page.evaluate(f"setTimeout(() => {{ {mistake} }})")
+    page.get_by_test_id("answer-right").click()
+    expect(page.get_by_text("Pair 2 of 4")).to_be_visible()
+    watch(page)
+    answer(page, "left", by="key")
+    watch(page)
+    assert stored_responses(server) == ["right", "left"]
+    assert stored_events(server).count("sent_by_form") == 1
+    assert all(taken is not None and taken >= 700 for taken in times(server))
+
+
+def test_a_request_that_cannot_be_made_is_told_from_a_broken_line(page: Page, serve: Serve) -> None:
+    server = serve(SMALL_PLAN)
+    page.goto(f"{server.url}/s/small")
+    outcome = """async (options) => {
+        const { Unreachable, request } = await import("/static/js/request.js");
+        try {
+            await request("/api/v1/session", options, 2000);
+        } catch (error) {
+            return error instanceof Unreachable ? "unreachable" : "mistake";
+        }
+        return "answered";
+    }"""
+    assert page.evaluate(outcome, {"method": "GET"}) == "answered"
+    assert page.evaluate(outcome, {"method": "NOT A METHOD"}) == "mistake"
+    page.evaluate("window.fetch = undefined")
+    assert page.evaluate(outcome, {"method": "GET"}) == "mistake"
+    page.reload()
+    page.route("**/api/**", lambda route: route.abort())
+    assert page.evaluate(outcome, {"method": "GET"}) == "unreachable"
+
+
+@pytest.mark.parametrize("script", ["outbox.js", "query.js", "words.js"])
+def test_where_a_script_of_ours_does_not_load_the_page_says_so_and_takes_the_answer(
+    page: Page, serve: Serve, script: str
+) -> None:
+    server = serve(SMALL_PLAN)
+    page.goto(f"{server.url}/s/small")
+    page.get_by_test_id("consent").click()
+    broken = True
+    page.route(f"**/{script}", lambda route: route.abort() if broken else route.continue_())
+    page.get_by_test_id("continue").click()
+    expect(page.get_by_test_id("failure")).to_be_visible()
+    expect(page.get_by_text("Not saved yet")).to_be_hidden()
+    expect(page.get_by_test_id("answer-left")).to_be_disabled()
+    page.get_by_test_id("start").click()
+    expect(page.get_by_test_id("answer-left")).to_be_enabled()
+    page.get_by_test_id("answer-left").click()
+    expect(page.get_by_text("Pair 2 of 4")).to_be_visible()
+    broken = False
+    page.reload()
+    expect(page.get_by_test_id("failure")).to_be_hidden()
+    watch(page)
+    assert stored_responses(server) == ["left"]
+    assert all(taken is not None and taken >= 700 for taken in times(server))
+
+
+def test_a_script_that_fails_while_a_pair_comes_brings_that_pair_as_a_new_page(
+    page: Page, serve: Serve
+) -> None:
+    server = serve(SMALL_PLAN)
+    enter_small(page, f"{server.url}/s/small")
+    page.evaluate("document.querySelector('#progress-bar').remove(); window.setTimeout = undefined")
+    page.get_by_test_id("answer-left").click()
+    expect(page.get_by_text("Pair 2 of 4")).to_be_visible()
+    watch(page)
+    assert stored_responses(server) == ["left"]
+
+
+def abort(route: Route) -> None:
+    route.abort()
+
+
+@pytest.mark.parametrize("welcome", [False, True])
+def test_the_first_page_says_what_a_browser_lacks(page: Page, serve: Serve, welcome: bool) -> None:
+    server = serve(SMALL_PLAN)
+    url = f"{server.url}/s/small"
+    page.goto(url)
+    page.wait_for_function("document.documentElement.dataset.modules === 'ready'")
+    expect(page.get_by_test_id("door")).to_be_hidden()
+
+    page.add_init_script("delete window.CSSLayerBlockRule")
+    page.goto(url)
+    expect(page.get_by_test_id("door")).to_contain_text("side by side")
+    expect(page.get_by_test_id("door").get_by_role("listitem")).to_have_count(1)
+
+    page.add_init_script("HTMLMediaElement.prototype.canPlayType = () => ''")
+    page.route("**/pair.js", abort)
+    page.goto(url)
+    expect(page.get_by_test_id("door").get_by_role("listitem")).to_have_count(3)
+    expect(page.get_by_test_id("consent")).to_be_visible()
+
+
+def test_without_scripts_the_first_page_says_so_and_no_pair_is_answered_unseen(
+    browser: Browser, serve: Serve
+) -> None:
+    server = serve(SMALL_PLAN)
+    context = browser.new_context(java_script_enabled=False)
+    page = context.new_page()
+    page.goto(f"{server.url}/s/small")
+    expect(page.get_by_test_id("no-script")).to_be_visible()
+    page.get_by_test_id("consent").click()
+    page.get_by_test_id("continue").click()
+    for name in ("answer-left", "skip", "answer-right"):
+        expect(page.get_by_test_id(name)).to_have_attribute("disabled", "")
+    context.close()

@@ -34,7 +34,7 @@ def test_on_a_page_that_scrolls_no_scrolling_key_answers_anything(page: Page, se
     for key in SCROLLING:
         page.keyboard.press(key)
     page.keyboard.press("Space")
-    page.wait_for_function("scrollY > 100")
+    page.wait_for_function("() => scrollY > 100")
     page.wait_for_timeout(300)
     assert query_on_screen(page) == "Part 1 of 1 · Pair 1 of 4"
     answer(page, "left", by="key")  # it does not scroll sideways
@@ -109,5 +109,5 @@ def test_the_familiarisation_scrolls_by_the_keys_that_scroll(page: Page, serve: 
     page.get_by_test_id("continue").click()
     expect(page.get_by_text("Video 1 of 2")).to_be_visible()
     page.keyboard.press("Space")
-    page.wait_for_function("scrollY > 100")
+    page.wait_for_function("() => scrollY > 100")
     expect(page.get_by_role("heading", level=1)).to_have_text("Get to know the videos")

@@ -199,7 +199,7 @@ def test_the_first_page_says_what_a_browser_lacks(page: Page, serve: Serve, welc
     server = serve(SMALL_PLAN)
     url = f"{server.url}/s/small"
     page.goto(url)
-    page.wait_for_function("document.documentElement.dataset.modules === 'ready'")
+    page.wait_for_function("() => document.documentElement.dataset.modules === 'ready'")
     expect(page.get_by_test_id("door")).to_be_hidden()
 
     page.add_init_script("delete window.CSSLayerBlockRule")

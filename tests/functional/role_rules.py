@@ -141,6 +141,7 @@ RULES: Mapping[str, Rule] = {
             ("POST", "/continue", {}),
             ("POST", "/screen-out", {}),
             ("POST", "/questionnaire", {}),
+            ("POST", "/respond", {"query_id": "x", "response": "left"}),
             ("GET", "/withdraw", {}),
             ("POST", "/withdraw", {}),
             ("GET", "/delete", {}),

@@ -133,13 +133,16 @@ def start(
     after: str | None = None,
     arrival: str = "",
 ) -> tuple[str, State]:
-    """Begin a session, or take somebody back into theirs: a token, shown this once, and its state.
+    """Begin a session: a token, shown this once, and its state.
+
+    An experimenter's program is taken back into the session of the ids that it gives.
 
     after: the token of a session that was left for too long, where the study lets one begin anew.
     arrival: the random value of the consent form that begins the session; sent again, the form
     leads into the session that it began.
-    Raises AlreadyTakenPartError where the study does not let a person in twice, EntryLinkError
-    where it wants a link for each person and this one lets nobody in, and TooManyBegunError.
+    Raises AlreadyTakenPartError where the study does not let a person in twice, KnownPersonError
+    where somebody of these ids has begun, EntryLinkError where the study wants a link for each
+    person and this one lets nobody in, and TooManyBegunError.
     """
     if mode in (PREVIEW, SIMULATED) and not by_experimenter:
         raise ForbiddenError(
@@ -157,16 +160,18 @@ def start(
         study = studies.read(session, slug)
         given = _given(study.plan, external_ids or {})
         ids = given.ids
-        earlier = returning.earlier_session(session, study, mode, ids)
-        left_behind = _left_behind(studio, session, study, after) if after is not None else None
-        if earlier is None:
-            earlier = left_behind
-        elif earlier is not left_behind:
-            returning.refuse_if_blocked(session, study.plan, earlier)
-            if returning.may_go_on(studio, study.plan, earlier):
-                returning.take_back(studio, session, earlier, token, ids)
-                session.flush()
-                return token, session_state.describe(studio, session, earlier)
+        joined = _left_behind(studio, session, study, after) if after is not None else None
+        if joined is None and by_experimenter:
+            joined = returning.earlier_session(session, study, mode, ids)
+            if joined is not None:
+                returning.refuse_if_blocked(session, study.plan, joined, is_proven=True)
+                if returning.may_go_on(studio, study.plan, joined):
+                    returning.take_back(studio, session, joined, token, is_full=True)
+                    session.flush()
+                    return token, session_state.describe(studio, session, joined)
+        elif joined is None:
+            # An id alone joins nobody: who brings it may be anybody.
+            returning.refuse_if_known(studio, session, study, ids)
         _require_open(study, mode)
         now = studio.now()
         if mode == PREVIEW or not by_experimenter:
@@ -174,7 +179,7 @@ def start(
         if mode == LIVE:
             places.require(session, study, mode, now)
             entry_links.use(session, study, entry, now)
-        participant_id = earlier.participant_id if earlier is not None else None
+        participant_id = joined.participant_id if joined is not None else None
         if participant_id is None:
             participant = Participant(
                 study_id=study.id, pseudonym=new_pseudonym("P"), created_at=now

@@ -1,24 +1,25 @@
-"""The same person coming twice: recognised by what their platform calls them.
+"""The same person coming twice: what a platform's ids can prove, and what they cannot.
 
-What happens then is the study's `recruitment.returning`: they are taken back into their session, or
-not let in, or begin another session as the same participant.
+A platform's name for a person is no secret: other requesters know it. So it alone leads nobody into
+a session. Its name for this one submission is, like the receipt code: with both, and by a press, a
+person is taken back into their session. What happens then is the study's `recruitment.returning`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
-from sqlalchemy import select
+from sqlalchemy import delete, select
 from sqlalchemy.orm import Session, joinedload
 
 from app.storage.arrivals import Reentry
-from app.storage.tables import Identity, Participant, SessionRow
+from app.storage.tables import Identity, Participant, SessionRow, Study
 from app.study import recruitment as rules
 from app.study.plan import Plan
 
-from . import places, recruitment, sessions, studies
+from . import places, recruitment, studies
 from . import state as session_state
-from .errors import AlreadyTakenPartError, SessionExpiredError, SignInRequiredError
+from .errors import AlreadyTakenPartError, KnownPersonError, NotFoundError
 from .studio import Studio
 from .tokens import new_secret, receipt_code, receipt_hash, secret_hash
 
@@ -26,55 +27,97 @@ from .tokens import new_secret, receipt_code, receipt_hash, secret_hash
 _LIVE = "live"
 
 
-def come_back(studio: Studio, slug: str, ids: Mapping[str, str]) -> str | None:
-    """A token for a browser whose person has a session to go on with; None for a newcomer.
+def require_unknown(studio: Studio, slug: str, ids: Mapping[str, str]) -> None:
+    """Let a newcomer pass, and write nothing.
 
-    Raises AlreadyTakenPartError if the study does not let a person in twice.
+    Raises KnownPersonError or AlreadyTakenPartError if somebody of these ids has a session, and
+    SessionTooOldError if they were away for too long to go on or to begin another one.
     """
     with studio.database.read() as session:
         study = studies.read(session, slug)
-        earlier = earlier_session(session, study, _LIVE, ids)
-        if earlier is None:
-            return None
-        refuse_if_blocked(session, study.plan, earlier)
-        if not may_go_on(studio, study.plan, earlier):
-            return None
+        refuse_if_known(studio, session, study, ids)
+
+
+def refuse_if_known(
+    studio: Studio, session: Session, study: studies.StudyInfo, ids: Mapping[str, str]
+) -> None:
+    """As `require_unknown`, within a transaction."""
+    earlier = earlier_session(session, study, _LIVE, ids)
+    if earlier is None:
+        return
+    proven = names_its_submission(session, study.plan, earlier, ids)
+    refuse_if_blocked(session, study.plan, earlier, is_proven=proven)
+    if may_go_on(studio, study.plan, earlier):
+        raise KnownPersonError(
+            "expected a person who has not begun this study, and somebody of this id has",
+            may_resume=proven,
+        )
+
+
+def come_back(studio: Studio, slug: str, ids: Mapping[str, str]) -> str:
+    """A token for another browser of the person, who is known by their submission's id.
+
+    Raises KnownPersonError where the ids prove nothing, NotFoundError where they name nobody, and
+    AlreadyTakenPartError where the study lets nobody in twice.
+    """
     token = new_secret()
     with studio.database.write() as session:
-        row = earlier_session(session, study, _LIVE, ids)
-        if row is None:
-            # Deleted in the meantime.
-            return None
-        take_back(studio, session, row, token, ids)
+        study = studies.read(session, slug)
+        earlier = earlier_session(session, study, _LIVE, ids)
+        if earlier is None:
+            raise NotFoundError("expected ids of somebody who has begun this study")
+        proven = names_its_submission(session, study.plan, earlier, ids)
+        refuse_if_blocked(session, study.plan, earlier, is_proven=proven)
+        if not proven or not may_go_on(studio, study.plan, earlier):
+            raise KnownPersonError(
+                "expected the id of the submission under which the session began",
+                may_resume=False,
+            )
+        take_back(studio, session, earlier, token, is_full=False)
     return token
 
 
-def is_somebody_else(studio: Studio, token: str, ids: Mapping[str, str]) -> bool:
-    """Whether a link names another person than the browser's session is of.
+def come_back_by_receipt(studio: Studio, slug: str, receipt: str) -> str:
+    """A token for another browser of the person, who has the receipt code of the session.
 
-    On a shared computer the next person must not find the session of the last one.
+    Raises NotFoundError where no session of the study has it.
     """
-    with studio.database.read() as session:
-        try:
-            row = sessions.find(studio, session, token, even_expired=True)
-        except (SignInRequiredError, SessionExpiredError):
-            return False
-        person = rules.person(studies.stored_plan(row.plan).recruitment, ids)
-        if person is None:
-            return False
-        key, value = person
-        return recruitment.ids_of(session, row.participant_id).get(key, value) != value
+    token = new_secret()
+    with studio.database.write() as session:
+        row = session_of_receipt(session, slug, receipt)
+        if row is None:
+            raise NotFoundError("expected a receipt code of this study, and nothing is kept for it")
+        take_back(studio, session, row, token, is_full=True)
+    return token
+
+
+def session_of_receipt(session: Session, slug: str, receipt: str) -> SessionRow | None:
+    """The session of the study that this receipt code belongs to."""
+    hashed = receipt_hash(receipt)
+    came_back = select(Reentry.session_id).where(Reentry.receipt_hash == hashed)
+    return session.scalar(
+        select(SessionRow)
+        .join(Study, SessionRow.study_id == Study.id)
+        .where(
+            Study.slug == slug,
+            (SessionRow.receipt_hash == hashed) | SessionRow.id.in_(came_back),
+        )
+        .options(joinedload(SessionRow.plan))
+    )
 
 
 def earlier_session(
     session: Session, study: studies.StudyInfo, mode: str, ids: Mapping[str, str]
 ) -> SessionRow | None:
-    """The newest session of the person of these ids; None if nobody is recognised."""
+    """The session of the person of these ids; None if there is none.
+
+    Of several, the newest of this very submission; else the newest.
+    """
     person = rules.person(study.plan.recruitment, ids)
     if person is None:
         return None
     key, value = person
-    return session.scalar(
+    found: Sequence[SessionRow] = session.scalars(
         select(SessionRow)
         .join(Participant, SessionRow.participant_id == Participant.id)
         .join(Identity, Identity.participant_id == Participant.id)
@@ -85,9 +128,23 @@ def earlier_session(
             Identity.value == value,
         )
         .order_by(SessionRow.id.desc())
-        .limit(1)
         .options(joinedload(SessionRow.plan), joinedload(SessionRow.study))
-    )
+    ).all()
+    for row in found:
+        if names_its_submission(session, study.plan, row, ids):
+            return row
+    return found[0] if found else None
+
+
+def names_its_submission(
+    session: Session, plan: Plan, row: SessionRow, ids: Mapping[str, str]
+) -> bool:
+    """Whether the ids hold the platform's unguessable name of this session's submission."""
+    submission = rules.submission(plan.recruitment, ids)
+    if submission is None:
+        return False
+    key, value = submission
+    return recruitment.ids_of(session, row.participant_id).get(key) == value
 
 
 def may_go_on(studio: Studio, plan: Plan, earlier: SessionRow) -> bool:
@@ -104,14 +161,19 @@ def may_go_on(studio: Studio, plan: Plan, earlier: SessionRow) -> bool:
     return plan.recruitment.returning == "resume" and (ended or studio.now() < earlier.expires_at)
 
 
-def refuse_if_blocked(session: Session, plan: Plan, earlier: SessionRow) -> None:
-    """Raises AlreadyTakenPartError if the study does not let this person in again."""
+def refuse_if_blocked(
+    session: Session, plan: Plan, earlier: SessionRow, *, is_proven: bool
+) -> None:
+    """Raises AlreadyTakenPartError if the study does not let this person in again.
+
+    is_proven: whether it is known to be them: only they are told the way back of their session.
+    """
     if plan.recruitment.returning != "block":
         return
     is_over = earlier.stage in session_state.ENDED
     way_back = None
-    if is_over:
-        # Whoever comes only for the code that they did not note is not kept from it.
+    if is_over and is_proven:
+        # Whoever comes back for a code that they did not note is not kept from it.
         way_back = recruitment.at_the_end(session, earlier, studies.stored_plan(earlier.plan))
     raise AlreadyTakenPartError(
         "this participant has a session of this study, and it takes each person once",
@@ -121,36 +183,35 @@ def refuse_if_blocked(session: Session, plan: Plan, earlier: SessionRow) -> None
 
 
 def take_back(
-    studio: Studio, session: Session, row: SessionRow, token: str, ids: Mapping[str, str]
+    studio: Studio, session: Session, row: SessionRow, token: str, *, is_full: bool
 ) -> None:
-    """Let another browser into the session. The first one, and its receipt, stay good."""
+    """Let another browser into the session, in place of the one that came back before it.
+
+    The browser in which the session began, and its receipt, stay good. is_full: whether the new
+    browser may do all that the first one may, with a receipt of its own: it may see no receipt and
+    delete nothing where only a platform's ids led it here.
+    """
+    session.execute(delete(Reentry).where(Reentry.session_id == row.id))
     session.add(
         Reentry(
             session_id=row.id,
             token_hash=secret_hash(token),
-            receipt_hash=receipt_hash(receipt_code(token)),
+            # No code leads to the hash of a secret that nobody was told.
+            receipt_hash=receipt_hash(receipt_code(token))
+            if is_full
+            else secret_hash(new_secret()),
             created_at=studio.now(),
         )
     )
-    write_ids(studio, session, row.participant_id, ids)
 
 
 def write_ids(
     studio: Studio, session: Session, participant_id: int, ids: Mapping[str, str]
 ) -> None:
-    """Keep these ids; of an earlier visit's ids those that have changed are replaced."""
-    known = {
-        row.key: row
-        for row in session.scalars(
-            select(Identity).where(Identity.participant_id == participant_id)
-        )
-    }
-    for key, value in ids.items():
-        if key in known:
-            known[key].value = value
-        else:
-            session.add(
-                Identity(
-                    participant_id=participant_id, key=key, value=value, created_at=studio.now()
-                )
-            )
+    """Keep these ids, but for those of which the participant has one already."""
+    known = recruitment.ids_of(session, participant_id)
+    session.add_all(
+        Identity(participant_id=participant_id, key=key, value=value, created_at=studio.now())
+        for key, value in ids.items()
+        if key not in known
+    )

@@ -7,19 +7,17 @@ the count there remains that a session was deleted, on which day, and how far it
 
 from __future__ import annotations
 
-from sqlalchemy import delete, or_, select
+from sqlalchemy import delete, select
 
-from app.storage.arrivals import Reentry
-from app.storage.tables import Identity, Participant, SessionRow, Study
+from app.storage.tables import Identity, Participant, Study
 from app.study import protocol
 from app.study.protocol import Stage
 
-from . import audit, deletion, ledger, sessions
+from . import audit, deletion, holding, ledger, returning, sessions
 from . import state as session_state
-from .errors import NotFoundError
+from .errors import ForbiddenError, NotFoundError
 from .state import State
 from .studio import Studio
-from .tokens import receipt_hash
 
 
 def withdraw(studio: Studio, token: str) -> State:
@@ -35,9 +33,17 @@ def withdraw(studio: Studio, token: str) -> State:
 
 
 def withdraw_and_delete(studio: Studio, token: str) -> State:
-    """Stop, at any stage, and delete what the person gave. The token is worth nothing then."""
+    """Stop, at any stage, and delete what the person gave. The token is worth nothing then.
+
+    Raises ForbiddenError for a browser that was let in by a platform's ids.
+    """
     with studio.database.write() as session:
         row = sessions.find(studio, session, token, to_write=True, even_expired=True)
+        if not holding.has_all_rights(session, token):
+            raise ForbiddenError(
+                "expected the browser in which the session began, or its receipt code: a platform's"
+                " ids delete nothing"
+            )
         came_to = row.stage
         if came_to not in session_state.ENDED:
             sessions.advance(studio, row, protocol.Withdrew())
@@ -51,6 +57,12 @@ def withdraw_and_delete(studio: Studio, token: str) -> State:
     return state
 
 
+def is_receipt(studio: Studio, slug: str, receipt: str) -> bool:
+    """Whether something is kept under this receipt code."""
+    with studio.database.read() as session:
+        return returning.session_of_receipt(session, slug, receipt) is not None
+
+
 def delete_by_receipt(studio: Studio, slug: str, receipt: str, actor: str | None = None) -> None:
     """Delete what the holder of this receipt gave. Raises NotFoundError if nobody has it.
 
@@ -60,19 +72,10 @@ def delete_by_receipt(studio: Studio, slug: str, receipt: str, actor: str | None
     actor: the experimenter whom the person asked to do it; None: the person did.
     """
     with studio.database.write() as session:
-        hashed = receipt_hash(receipt)
-        came_back = select(Reentry.session_id).where(Reentry.receipt_hash == hashed)
-        participant_id = session.scalar(
-            select(SessionRow.participant_id)
-            .join(Study, SessionRow.study_id == Study.id)
-            .where(
-                Study.slug == slug,
-                or_(SessionRow.receipt_hash == hashed, SessionRow.id.in_(came_back)),
-            )
-        )
-        if participant_id is None:
+        row = returning.session_of_receipt(session, slug, receipt)
+        if row is None:
             raise NotFoundError("expected a receipt code of this study, and nothing is kept for it")
-        seeds = deletion.delete_person(studio, session, participant_id)
+        seeds = deletion.delete_person(studio, session, row.participant_id)
         if actor is not None:
             audit.note(session, studio.now(), actor, "participant deleted", slug, by="receipt code")
     deletion.forget(studio, seeds)

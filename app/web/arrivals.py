@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from fastapi import Request
 
-from app.services import modes, recruitment
+from app.services import entry_links, holding, modes, recruitment, studies
 from app.services.errors import IdsRefusedError
 from app.services.fault_counts import Kind, Where
+from app.services.holding import Holder
 from app.services.studio import Studio
 from app.study.identifiers import Given
 
-from . import entrances
+from . import browser_cookies, entrances
+from .security import session_cookie
 
 #: The parameter of a link that lets one person in.
 ENTRY = "entry"
@@ -31,6 +33,22 @@ def given(request: Request, slug: str, studio: Studio) -> Given:
 def entry(request: Request) -> str | None:
     """The token of a personal link; None where the link is the same for everybody."""
     return request.query_params.get(ENTRY, "").strip() or None
+
+
+def holder(request: Request, slug: str, studio: Studio) -> Holder:
+    """Who comes, as against the session that the browser holds. Raises as `given` does."""
+    token = request.cookies.get(session_cookie(slug))
+    found = holding.holder(studio, slug, token, given(request, slug, studio).ids)
+    link = entry(request)
+    if found is not Holder.SAME or link is None or entrances.mode_of(request) != modes.LIVE:
+        return found
+    if _is_single_use(studio, slug):
+        return Holder.SAME if browser_cookies.began_by(request, slug, link) else Holder.OTHER
+    return found
+
+
+def _is_single_use(studio: Studio, slug: str) -> bool:
+    return entry_links.wanted(studies.find(studio, slug).plan)
 
 
 def note_unfilled(studio: Studio, slug: str, given: Given) -> None:

@@ -4,20 +4,25 @@ from __future__ import annotations
 
 import hashlib
 import hmac
-from typing import Annotated, Any
+from typing import Annotated
 
 from fastapi import APIRouter, Form, Request
 from fastapi.responses import RedirectResponse, Response
 
-from app.services import modes, participation, recruitment, studies, withdrawal
-from app.services.errors import NotFoundError, SessionExpiredError, SignInRequiredError
-from app.services.state import ENDED, State
+from app.services import holding, modes, participation, recruitment, studies, withdrawal
+from app.services.errors import (
+    ForbiddenError,
+    NotFoundError,
+    SessionExpiredError,
+    SignInRequiredError,
+)
+from app.services.state import ENDED
 from app.services.studio import Studio
 
-from . import entrances, languages, words
+from . import browser_cookies, entrances, languages, words
 from .failing_kindly import FailingKindly
 from .in_line import in_line
-from .security import StudioDep, session_cookie, set_cookie
+from .security import StudioDep, set_cookie
 from .session_pages import about, do, render, to_stage, token_of
 from .words import translatable
 
@@ -43,7 +48,16 @@ def ask_to_withdraw(slug: str, request: Request, studio: StudioDep) -> Response:
     if state["stage"] in ENDED:
         return to_stage(slug)
     title = translatable("Stop taking part?")
-    return render(request, slug, "participant/withdraw.html", title, state)
+    receipt = holding.receipt(studio, token_of(request, slug))
+    return render(
+        request,
+        slug,
+        "participant/withdraw.html",
+        title,
+        state,
+        # A platform's ids lead back into a session, and no further.
+        may_delete=receipt is not None,
+    )
 
 
 @router.post("/withdraw")
@@ -53,58 +67,67 @@ def withdraw(
 ) -> Response:
     """Stop, and keep what was answered, or delete it."""
     if not delete:
-        return do(slug, lambda: withdrawal.withdraw(studio, token_of(request, slug)))
+        return do(request, slug, lambda: withdrawal.withdraw(studio, token_of(request, slug)))
     try:
         state = withdrawal.withdraw_and_delete(studio, token_of(request, slug))
     except SignInRequiredError:
         # The second half of a double click: nothing is there any more.
         return to_stage(slug)
+    except ForbiddenError:
+        return RedirectResponse(f"/s/{slug}/withdraw", status_code=303)
     return _to_deleted(request, studio, slug, state["language"])
 
 
 @router.get("/delete")
 def ask_for_receipt(slug: str, request: Request, studio: StudioDep) -> Response:
-    """Where a receipt's code is typed; a browser that still has its session need not type."""
-    token = request.cookies.get(session_cookie(slug))
-    state = None
-    if token is not None:
-        try:
-            state = participation.current(studio, token)
-        except (SignInRequiredError, SessionExpiredError):
-            state = None
-    return render(
-        request,
-        slug,
-        "participant/delete.html",
-        _DELETE_TITLE,
-        state,
-        **_about(request, studio, slug, state),
-        fault=None,
-        typed="",
-    )
+    """Where a receipt's code is typed: none is filled in, for the browser may be shared."""
+    return _delete_page(request, studio, slug)
 
 
 @router.post("/delete")
 @in_line
 def delete(
-    slug: str, request: Request, studio: StudioDep, receipt: Annotated[str, Form()] = ""
+    slug: str,
+    request: Request,
+    studio: StudioDep,
+    receipt: Annotated[str, Form()] = "",
+    confirmed: Annotated[str, Form()] = "",
 ) -> Response:
-    """Delete what the holder of this receipt gave."""
-    said = _about(request, studio, slug)
+    """Ask once more, and then delete what the holder of this receipt gave."""
+    language = languages.of_reader(request, studies.find(studio, slug).plan.languages)
     try:
+        if not withdrawal.is_receipt(studio, slug, receipt):
+            raise NotFoundError("nothing is kept for this receipt code")
+        if not confirmed:
+            return _delete_page(request, studio, slug, typed=receipt, is_found=True)
         withdrawal.delete_by_receipt(studio, slug, receipt)
     except NotFoundError:
-        return render(
-            request,
-            slug,
-            "participant/delete.html",
-            _DELETE_TITLE,
-            status=404,
-            **said,
-            fault=words.translated(_NO_RECEIPT, said["language"]),
-            typed=receipt[:64],
-        )
-    return _to_deleted(request, studio, slug, said["language"])
+        fault = words.translated(_NO_RECEIPT, language)
+        return _delete_page(request, studio, slug, status=404, fault=fault, typed=receipt)
+    return _to_deleted(request, studio, slug, language)
+
+
+def _delete_page(
+    request: Request,
+    studio: Studio,
+    slug: str,
+    *,
+    status: int = 200,
+    typed: str = "",
+    fault: str | None = None,
+    is_found: bool = False,
+) -> Response:
+    return render(
+        request,
+        slug,
+        "participant/delete.html",
+        _DELETE_TITLE,
+        status=status,
+        **about(request, studies.find(studio, slug).plan),
+        fault=fault,
+        typed=typed[:64],
+        is_found=is_found,
+    )
 
 
 @router.get("/deleted")
@@ -127,14 +150,6 @@ def deleted(slug: str, request: Request, studio: StudioDep) -> Response:
     )
 
 
-def _about(
-    request: Request, studio: Studio, slug: str, state: State | None = None
-) -> dict[str, Any]:
-    """What these pages say of the study, in the language of the session if there is one."""
-    language = state["language"] if state else None
-    return about(request, studies.find(studio, slug).plan, language)
-
-
 def _proof_cookie(slug: str) -> str:
     return f"pbpo_deleted_{slug}"
 
@@ -149,7 +164,7 @@ def _to_deleted(request: Request, studio: Studio, slug: str, language: str) -> R
     response = RedirectResponse(
         f"/s/{slug}/deleted?{languages.PARAMETER}={language}", status_code=303
     )
-    response.delete_cookie(session_cookie(slug))
+    browser_cookies.forget(response, slug)
     if entrances.mode_of(request) == modes.LIVE:
         set_cookie(
             response, studio, _proof_cookie(slug), _proof(studio, slug), max_age=_PROOF_SECONDS

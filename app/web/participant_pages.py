@@ -19,6 +19,7 @@ from app.services import (
 from app.services.errors import (
     AlreadyTakenPartError,
     EntryLinkError,
+    KnownPersonError,
     SessionExpiredError,
     SessionTooOldError,
     SignInRequiredError,
@@ -27,15 +28,16 @@ from app.services.errors import (
     StudyPausedError,
     TooManyBegunError,
 )
-from app.services.state import State
+from app.services.holding import Holder
+from app.services.state import ENDED, State
 from app.services.studio import Studio
 from app.services.tokens import new_secret
 from app.study.recruitment import Outcome
 
-from . import arrivals, entrances, languages, mturk_pages, turned_away
+from . import arrivals, browser_cookies, entrances, languages, mturk_pages, turned_away
 from .failing_kindly import FailingKindly
 from .in_line import in_line
-from .security import SESSION_COOKIE_SECONDS, StudioDep, session_cookie, set_cookie
+from .security import StudioDep, session_cookie
 from .session_pages import about, do, is_known, render, to_stage, token_of
 from .stage_pages import TITLES, stage_page
 from .words import translatable
@@ -49,25 +51,22 @@ def enter(slug: str, request: Request, studio: StudioDep) -> Response:
     outside = mturk_pages.outside_the_study(request, slug, studio)
     if outside is not None:
         return outside
+    holder = arrivals.holder(request, slug, studio)
+    if holder is Holder.UNCERTAIN:
+        return turned_away.uncertain(request, slug, studio)
+    if holder is not Holder.SAME:
+        return _arrival(request, slug, studio)
     try:
-        if _is_of_another(request, slug, studio):
-            return _arrival(request, slug, studio)
-        state = participation.current(studio, token_of(request, slug))
-    except SessionTooOldError as error:
-        return _left(request, slug, studio, error)
-    except SessionExpiredError:
-        response = render(
-            request,
-            slug,
-            "participant/expired.html",
-            translatable("The session has expired"),
-            **about(request, studies.find(studio, slug).plan),
-        )
-        response.delete_cookie(session_cookie(slug))
-        return response
+        token = token_of(request, slug)
+        state = participation.current(studio, token)
+    except SessionExpiredError as error:
+        return _gone(request, slug, studio, error)
     except SignInRequiredError:
         return _arrival(request, slug, studio)
-    return stage_page(request, slug, state)
+    response = stage_page(request, slug, state)
+    if state["stage"] in ENDED:
+        browser_cookies.still_has_ended(request, response, studio, slug, token)
+    return response
 
 
 @router.get("/consent")
@@ -76,10 +75,11 @@ def read_consent(slug: str, request: Request, studio: StudioDep) -> Response:
     outside = mturk_pages.outside_the_study(request, slug, studio)
     if outside is not None:
         return outside
-    token = request.cookies.get(session_cookie(slug))
-    if token is not None and (is_known(studio, token) or _is_barred(studio, token)):
-        return to_stage(slug, request.url.query)
-    return _entrance(request, slug, studio, past_welcome=True)
+    if arrivals.holder(request, slug, studio) in (Holder.SAME, Holder.UNCERTAIN):
+        token = token_of(request, slug)
+        if is_known(studio, token) or _is_barred(studio, token):
+            return to_stage(slug, request.url.query)
+    return _arrival(request, slug, studio, past_welcome=True)
 
 
 @router.post("/consent")
@@ -92,15 +92,19 @@ def consent(
     arrival: Annotated[str, Form()] = "",
 ) -> Response:
     """Agree. Only now is anything kept of a newcomer."""
-    token = request.cookies.get(session_cookie(slug))
-    if token is None or not is_known(studio, token) or _is_of_another(request, slug, studio):
+    holder = arrivals.holder(request, slug, studio)
+    if holder is Holder.UNCERTAIN:
+        return to_stage(slug, request.url.query)
+    token = request.cookies.get(session_cookie(slug)) if holder is Holder.SAME else None
+    entry = None
+    if token is None or not is_known(studio, token):
         begun = admission.begun(studio, slug, arrival)
         entered = begun or _enter(request, slug, studio, version, arrival, after=token)
         if isinstance(entered, Response):
             return entered
-        token = entered
-    response = do(slug, lambda: participation.consent(studio, token, version))
-    set_cookie(response, studio, session_cookie(slug), token, max_age=SESSION_COOKIE_SECONDS)
+        token, entry = entered, arrivals.entry(request)
+    response = do(request, slug, lambda: participation.consent(studio, token, version))
+    browser_cookies.keep_session(response, studio, slug, token, entry)
     return response
 
 
@@ -120,6 +124,11 @@ def _enter(
         )
         if version != entrance.consent["version"]:
             return to_stage(slug, request.url.query)
+        if after is None:
+            returning.require_unknown(studio, slug, ids)
+        without_cookies = turned_away.without_cookies(request, slug, studio)
+        if without_cookies is not None:
+            return without_cookies
         token, _ = admission.start(
             studio,
             slug,
@@ -131,10 +140,8 @@ def _enter(
             after=after,
             arrival=arrival,
         )
-    except EntryLinkError as error:
-        return turned_away.no_entry(request, slug, studio, error)
-    except AlreadyTakenPartError as error:
-        return turned_away.taken_part(request, slug, studio, error)
+    except (EntryLinkError, AlreadyTakenPartError, KnownPersonError) as error:
+        return turned_away.refused(request, slug, studio, error)
     except (StudyFullError, TooManyBegunError, SessionTooOldError):
         return to_stage(slug, request.url.query)
     arrivals.note_unfilled(studio, slug, given)
@@ -145,8 +152,10 @@ def _enter(
 @in_line
 def decline(slug: str, request: Request, studio: StudioDep) -> Response:
     """Decline. A newcomer leaves without a trace."""
+    # The browser may hold the session of somebody else, who declines nothing by this.
+    is_own = arrivals.holder(request, slug, studio) is Holder.SAME
     token = request.cookies.get(session_cookie(slug))
-    if token is None or not is_known(studio, token):
+    if not is_own or token is None or not is_known(studio, token):
         return render(
             request,
             slug,
@@ -155,7 +164,7 @@ def decline(slug: str, request: Request, studio: StudioDep) -> Response:
             **about(request, studies.find(studio, slug).plan),
             way_back=_way_back_of(request, studio, slug, "declined"),
         )
-    return do(slug, lambda: withdrawal.withdraw(studio, token))
+    return do(request, slug, lambda: withdrawal.withdraw(studio, token))
 
 
 @router.post("/continue")
@@ -164,7 +173,9 @@ def go_on(
     slug: str, request: Request, studio: StudioDep, leaving: Annotated[str | None, Form()] = None
 ) -> Response:
     """leaving: the stage that the page is of; another tab may have left it."""
-    return do(slug, lambda: participation.go_on(studio, token_of(request, slug), leaving=leaving))
+    return do(
+        request, slug, lambda: participation.go_on(studio, token_of(request, slug), leaving=leaving)
+    )
 
 
 def _way_back_of(
@@ -177,32 +188,25 @@ def _way_back_of(
     return recruitment.described(studies.find(studio, slug).plan, outcome, ids)
 
 
-def _arrival(request: Request, slug: str, studio: Studio) -> Response:
-    """Somebody without a session in this browser: taken back into theirs, or a newcomer."""
-    if request.query_params:
-        ids = arrivals.given(request, slug, studio).ids
-        try:
-            token = returning.come_back(studio, slug, ids)
-        except AlreadyTakenPartError as error:
-            return turned_away.taken_part(request, slug, studio, error)
-        except SessionTooOldError as error:
-            return _left(request, slug, studio, error)
-        if token is not None:
-            response = to_stage(slug)
-            set_cookie(
-                response, studio, session_cookie(slug), token, max_age=SESSION_COOKIE_SECONDS
-            )
-            return response
-    return _entrance(request, slug, studio)
+def _arrival(
+    request: Request, slug: str, studio: Studio, *, past_welcome: bool = False
+) -> Response:
+    """Somebody without a session in this browser: a newcomer, or known by what the link says."""
+    try:
+        returning.require_unknown(studio, slug, arrivals.given(request, slug, studio).ids)
+    except (AlreadyTakenPartError, KnownPersonError) as error:
+        response = turned_away.refused(request, slug, studio, error)
+        return browser_cookies.show_that_kept(request, studio, response)
+    except SessionTooOldError as error:
+        return _left(request, slug, studio, error)
+    return _entrance(request, slug, studio, past_welcome=past_welcome)
 
 
-def _is_of_another(request: Request, slug: str, studio: Studio) -> bool:
-    """Whether the browser's session is of another person than the link names."""
-    token = request.cookies.get(session_cookie(slug))
-    if token is None or not request.query_params:
-        return False
-    ids = arrivals.given(request, slug, studio).ids
-    return returning.is_somebody_else(studio, token, ids)
+def _gone(request: Request, slug: str, studio: Studio, error: SessionExpiredError) -> Response:
+    """The browser's session can no longer be gone on with."""
+    if isinstance(error, SessionTooOldError):
+        return _left(request, slug, studio, error)
+    return turned_away.expired(request, slug, studio)
 
 
 def _left(request: Request, slug: str, studio: Studio, error: SessionTooOldError) -> Response:
@@ -220,7 +224,7 @@ def _left(request: Request, slug: str, studio: Studio, error: SessionTooOldError
         may_begin_again=error.policy == "resume" and not plan.recruitment.takes_each_once,
     )
     if error.policy == "resume":
-        response.delete_cookie(session_cookie(slug))
+        browser_cookies.forget(response, slug)
     return response
 
 
@@ -291,7 +295,7 @@ def _entrance(
         "consent": dict(entrance.consent),
         "welcome": {"html": entrance.welcome or ""},
     }
-    return stage_page(
+    page = stage_page(
         request,
         slug,
         state,
@@ -299,3 +303,4 @@ def _entrance(
         # The form sent twice before the browser has its cookie begins one session all the same.
         arrival=new_secret(),
     )
+    return browser_cookies.show_that_kept(request, studio, page)

@@ -18,6 +18,7 @@ from app.services.ethics.screens import screens, still_clips
 from app.services.state import State, rendered
 from app.services.studies import StudyInfo
 from app.services.studio import Studio
+from app.services.tokens import receipt_code
 
 from .security import session_cookie
 from .session_pages import about, render
@@ -53,24 +54,32 @@ def _pages(
     request: Request, studio: Studio, study: StudyInfo, language: str
 ) -> Iterator[tuple[str, Response]]:
     slug = study.slug
-    before: dict[str, Any] = {"languages": [], "arrival": ""}
+    example: dict[str, Any] = {"receipt": receipt_code(_EXAMPLE_TOKEN), "is_held": False}
+    before: dict[str, Any] = {"languages": [], "arrival": "", **example}
     for screen in screens(studio, study, language):
         if screen.name == "consent" and "welcome" in study.texts[language]:
             yield "welcome", stage_page(request, slug, _welcome(study, screen.state), **before)
-        more = before if screen.name == "consent" else {}
+        more = before if screen.name == "consent" else example
         yield screen.name, stage_page(request, slug, screen.state, **more)
         if screen.name.startswith("comparison-1"):
             title = "Stop taking part?"
             yield (
                 "stop",
-                render(request, slug, "participant/withdraw.html", title, screen.state),
+                render(
+                    request,
+                    slug,
+                    "participant/withdraw.html",
+                    title,
+                    screen.state,
+                    may_delete=True,
+                ),
             )
     said = about(request, study.plan, language)
     yield (
         "privacy",
         render(request, slug, "participant/privacy.html", "Your privacy", **said, plan=study.plan),
     )
-    asked: dict[str, Any] = {"fault": None, "typed": ""}
+    asked: dict[str, Any] = {"fault": None, "typed": "", "is_found": False}
     title = "Delete my answers"
     yield "delete", render(request, slug, "participant/delete.html", title, **said, **asked)
 

@@ -9,16 +9,15 @@ from typing import Any
 from fastapi import Request
 from fastapi.responses import RedirectResponse, Response
 
-from app.services import modes, participation, studies
+from app.services import holding, modes, participation, studies
 from app.services.errors import SessionExpiredError, SignInRequiredError
-from app.services.state import State
+from app.services.state import ENDED, State
 from app.services.studio import Studio
-from app.services.tokens import receipt_code
 from app.study.plan import Plan
 from app.study.protocol import ProtocolError
 from app.study.recruitment import MTURK_FRAMES, MTURK_HOSTS
 
-from . import entrances, languages, words
+from . import browser_cookies, entrances, languages, words
 from .own_address import base_url
 from .security import (
     POLICY,
@@ -28,6 +27,9 @@ from .security import (
     studio_of,
 )
 from .templating import page
+
+#: The stages whose pages show the receipt code.
+_WITH_RECEIPT = frozenset({"instructions", "debrief", "completed", "screened_out", "withdrawn"})
 
 
 def render(
@@ -62,7 +64,8 @@ def render(
         "language": language,
         "page_title": words.translated(title, language),
         "delete_url": f"{base_url(request)}/s/{slug}/delete",
-        "receipt": receipt_code(token) if state and token else None,
+        "receipt": _receipt(request, slug, state),
+        "is_held": state is not None and token is not None,
         **context,
     }
     response = page(request, template, values, status_code=status)
@@ -102,12 +105,28 @@ def about(request: Request, plan: Plan, language: str | None = None) -> dict[str
     }
 
 
-def do(slug: str, action: Callable[[], State]) -> Response:
+def do(request: Request, slug: str, action: Callable[[], State]) -> Response:
     """Do it, and show the stage the session is in then: also if it was out of order."""
+    response = to_stage(slug)
     # A second click, another tab, the way back: the page of the stage says what is to be done.
     with suppress(ProtocolError, SignInRequiredError, SessionExpiredError):
-        action()
-    return to_stage(slug)
+        state = action()
+        token = request.cookies.get(session_cookie(slug))
+        is_live = entrances.mode_of(request) == modes.LIVE
+        if is_live and state["stage"] in ENDED and token is not None:
+            browser_cookies.has_ended(response, studio_of(request), slug, token)
+    return response
+
+
+def _receipt(request: Request, slug: str, state: State | None) -> str | None:
+    """The receipt code, on a page that shows it to whom it belongs."""
+    token = request.cookies.get(session_cookie(slug))
+    if state is None or token is None or state["stage"] not in _WITH_RECEIPT:
+        return None
+    has_ended = state["stage"] in ENDED
+    if not browser_cookies.shows_receipt(request, slug, has_ended=has_ended):
+        return None
+    return holding.receipt(studio_of(request), token)
 
 
 def to_stage(slug: str, query: str = "") -> Response:

@@ -45,7 +45,7 @@ TITLES = {
 @in_line
 def screen_out(slug: str, request: Request, studio: StudioDep) -> Response:
     """Leave the device check for good."""
-    return do(slug, lambda: participation.screen_out(studio, token_of(request, slug)))
+    return do(request, slug, lambda: participation.screen_out(studio, token_of(request, slug)))
 
 
 @router.post("/respond")
@@ -84,7 +84,9 @@ def questionnaire(
 ) -> Response:
     """Answer; what cannot be taken is shown beside what was asked, with all that was given."""
     try:
-        return do(slug, lambda: questionnaires.answer(studio, token_of(request, slug), answers))
+        return do(
+            request, slug, lambda: questionnaires.answer(studio, token_of(request, slug), answers)
+        )
     except AnswersRefusedError as error:
         state = participation.current(studio, token_of(request, slug))
         faults = {fault.item: fault.kind for fault in error.faults}

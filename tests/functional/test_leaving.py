@@ -239,24 +239,42 @@ def test_deleting_twice_leads_back_to_the_study(client: Api, browsing: Session) 
     sent_on(client.post("/s/short/withdraw", data={"delete": "yes"}))
 
 
-def test_the_same_receipt_is_shown_from_the_agreement_to_the_end(
+def test_the_same_receipt_is_shown_from_the_agreement_to_the_press_that_ends_it(
     client: Api, short_study: StudyInfo, clock: Clock
 ) -> None:
-    seen = {}
-    for stage in ("instructions", "query", "debrief", "completed"):
-        in_browser(client, stage, clock)
-        seen[stage] = shown_receipt(client)
-        client.post("/s/short/withdraw")
-    assert seen["query"] is None
-    assert all(seen[stage] for stage in ("instructions", "debrief", "completed"))
-
     session = in_browser(client, "instructions", clock)
     first = shown_receipt(client)
-    session.call("withdraw")
+    assert first
+    session.to_stage("query", clock.forward)
+    assert shown_receipt(client) is None
+    session.to_stage("debrief", clock.forward)
+    assert shown_receipt(client) == first
+    sent_on(client.post("/s/short/continue"))
+    assert session.look()["stage"] == "completed"
     assert shown_receipt(client) == first
     client.cookies.clear()
     answer = client.post("/api/v1/studies/short/deletions", json={"receipt": first})
     assert answer.status_code == 204
+
+
+@pytest.mark.parametrize("press", ["continue", "withdraw"])
+def test_after_the_end_the_receipt_is_shown_once_and_to_nobody_who_comes_from_elsewhere(
+    client: Api, short_study: StudyInfo, clock: Clock, press: str
+) -> None:
+    in_browser(client, "debrief", clock)
+    ended = client.post(f"/s/short/{press}")
+    days = re.findall(rf"{COOKIE}=[^;]+;.*?Max-Age=(\d+)", str(ended.headers.multi_items()))
+    assert days == [str(24 * 3600)]
+    same = {"Sec-Fetch-Site": "same-origin"}
+    for _ in range(2):
+        # The page after the press, and that page reloaded.
+        assert 'data-testid="receipt"' in client.get("/s/short", headers=same).text
+    later = client.get("/s/short", headers={"Sec-Fetch-Site": "none"}).text
+    assert 'data-testid="receipt"' not in later
+    assert 'data-testid="somebody-else"' in later
+    assert 'data-testid="receipt"' not in client.get("/s/short", headers=same).text
+    clock.forward(24 * 3600)
+    assert heading(client.get("/s/short")) == "Before you take part"
 
 
 def test_a_receipt_is_typed_into_a_page_that_needs_no_session(
@@ -268,23 +286,29 @@ def test_a_receipt_is_typed_into_a_page_that_needs_no_session(
     assert wrong.status_code == 404
     assert 'role="alert"' in wrong.text
     assert "&lt;b&gt;none" in wrong.text
-    gone = client.post("/s/short/delete", data={"receipt": receipt.lower()})
+    asked = client.post("/s/short/delete", data={"receipt": receipt.lower()})
+    assert (asked.status_code, rows_of_people(studio)["sessions"]) == (200, 1)
+    assert 'name="confirmed" value="yes"' in asked.text
+    gone = client.post("/s/short/delete", data={"receipt": receipt.lower(), "confirmed": "yes"})
     assert (gone.status_code, gone.headers["location"]) == (303, "/s/short/deleted?lang=en")
     assert rows_of_people(studio) == {"tombstones": 1}
 
 
-def test_a_browser_with_its_session_need_not_type_the_receipt(
-    client: Api, browsing: Session
+@pytest.mark.parametrize("stage", ["instructions", "query", "completed", "withdrawn"])
+def test_no_code_is_filled_in_that_the_person_did_not_bring(
+    client: Api, short_study: StudyInfo, clock: Clock, stage: str
 ) -> None:
-    browsing.call("withdraw")
-    receipt = shown_receipt(client)
-    assert f'value="{receipt}"' in client.get("/s/short/delete").text
+    in_browser(client, stage, clock)
+    page = client.get("/s/short/delete").text
+    assert 'value=""' in page
+    assert not re.search(r"[2-9B-DF-HJ-NP-TV-XZ]{4}(-[2-9B-DF-HJ-NP-TV-XZ]{4}){3}", page)
 
 
 def test_a_closed_study_still_deletes(client: Api, studio: Studio, short_study: StudyInfo) -> None:
     receipt, _ = receipt_of(client)
     studies.close_study(studio, "short")
-    assert client.post("/s/short/delete", data={"receipt": receipt}).status_code == 303
+    given = {"receipt": receipt, "confirmed": "yes"}
+    assert client.post("/s/short/delete", data=given).status_code == 303
     assert rows_of_people(studio) == {"tombstones": 1}
 
 

@@ -36,6 +36,12 @@ def sent_on(response: httpx.Response) -> None:
     assert (response.status_code, response.headers["location"]) == (303, "/s/short")
 
 
+def come_back(client: Api, query: str, **data: str) -> httpx.Response:
+    """Press what leads a person back into their session."""
+    client.get(f"/s/short{query}")
+    return client.post(f"/s/short/return{query}", data=data)
+
+
 def agree(client: Api, query: str = "") -> httpx.Response:
     page = client.get(f"/s/short{query}")
     return client.post(f"/s/short/consent{query}", data={"version": version(page)})
@@ -73,7 +79,8 @@ def test_a_newcomer_sees_the_consent_and_nothing_is_kept(
     assert page.status_code == 200
     assert heading(page) == HEADINGS["consent"]
     assert "You choose between videos." in page.text
-    assert "set-cookie" not in page.headers
+    # It says nothing but that the browser keeps cookies, and goes when the browser is closed.
+    assert page.headers["set-cookie"] == "pbpo_keeps_cookies=1; HttpOnly; Path=/; SameSite=lax"
     assert page.headers["cache-control"] == "no-store"
     assert kept(client, api_token) == 0
 
@@ -152,7 +159,7 @@ def test_a_link_with_much_besides_lets_one_in_and_an_id_that_is_too_long_does_no
     client: Api, recruit: Recruit, studio: Studio
 ) -> None:
     recruit(FROM_PROLIFIC)
-    link = "?" + "&".join(f"key{'k' * 80}{n}={'v' * 300}" for n in range(30))
+    link = "?" + "&".join(f"key{'k' * 80}{n}={'v' * 300}" for n in range(15))
     for query in (f"{link}&PROLIFIC_PID={'v' * 201}", "?PROLIFIC_PID=a&prolific_pid=b"):
         page = client.get(f"/s/short{query}")
         assert (page.status_code, heading(page)) == (422, "Not understood")

@@ -7,19 +7,31 @@ import re
 import httpx
 import pytest
 
-from app.services import studies
+from app.services import admission, studies
 from app.services.studio import Studio
+from app.services.tokens import receipt_code
 from app.study.recruitment import Recruitment
 from tests.conftest import Clock
 
 from .client import Api, Session
 from .conftest import Recruit
 from .test_leaving import rows_of_people, shown_receipt
-from .test_participant_pages import COOKIE, HEADINGS, agree, heading, sent_on, token_for
-from .test_recruitment import PROLIFIC, identities, return_link
+from .test_participant_pages import (
+    COOKIE,
+    HEADINGS,
+    agree,
+    come_back,
+    heading,
+    sent_on,
+    token_for,
+)
+from .test_recruitment import CONNECT, MTURK, PROLIFIC, SONA, identities, return_link
 
 LINK = "?PROLIFIC_PID=5f0c&SESSION_ID=first"
 AGAIN = "?PROLIFIC_PID=5f0c&SESSION_ID=second"
+#: What a stranger can know of somebody.
+ALONE = "?PROLIFIC_PID=5f0c"
+KNOWN = "You have begun already"
 
 
 def recruitment(returning: str) -> str:
@@ -47,7 +59,7 @@ def test_taking_people_back_is_what_happens_unless_the_study_says_otherwise() ->
     assert Recruitment().returning == "resume"
 
 
-def test_whoever_comes_back_in_another_browser_goes_on_where_they_were(
+def test_whoever_comes_back_in_another_browser_goes_on_where_they_were_by_a_press(
     client: Api, recruit: Recruit, studio: Studio, clock: Clock
 ) -> None:
     recruit(recruitment("resume"))
@@ -55,35 +67,130 @@ def test_whoever_comes_back_in_another_browser_goes_on_where_they_were(
     before = session_of(client, clock, "query").look()
     in_another_browser(client)
 
-    arrived = client.get(f"/s/short{AGAIN}")
-    sent_on(arrived)
-    assert "HttpOnly" in arrived.headers["set-cookie"]
+    page = client.get(f"/s/short{LINK}")
+    assert (page.status_code, heading(page)) == (409, KNOWN)
+    assert 'data-testid="return-to-session"' in page.text
+    assert COOKIE not in client.cookies
+    sent_on(come_back(client, LINK))
     assert heading(client.get("/s/short")) == HEADINGS["query"]
     after = client.get("/api/v1/session", headers={"PBPO-Study": "short"}).json()
     assert after["query"]["id"] == before["query"]["id"]
     assert sessions_and_people(studio) == (1, 1)
-    kept = identities(client, token_for(studio))
-    assert kept == {"PROLIFIC_PID": "5f0c", "SESSION_ID": "second"}
 
 
-def test_the_first_browser_and_both_receipts_stay_good(
+@pytest.mark.parametrize("stage", ["query", "completed"])
+@pytest.mark.parametrize("link", [ALONE, AGAIN, f"{ALONE}&SESSION_ID={{{{%SESSION_ID%}}}}"])
+def test_a_platforms_id_alone_leads_nobody_into_a_session(
+    client: Api, recruit: Recruit, studio: Studio, clock: Clock, link: str, stage: str
+) -> None:
+    recruit(recruitment("resume"))
+    agree(client, LINK)
+    session_of(client, clock, stage)
+    in_another_browser(client)
+    kept = rows_of_people(studio)
+    page = client.get(f"/s/short{link}")
+    assert (page.status_code, heading(page)) == (409, KNOWN)
+    assert "the receipt code that you were given" in page.text
+    assert 'data-testid="return-to-session"' not in page.text
+    version = admission.entrance(studio, "short").consent["version"]
+    for press in ("return", "claim"):
+        client.post(f"/s/short/{press}{link}")
+    agreed = client.post(f"/s/short/consent{link}", data={"version": version})
+    assert (agreed.status_code, heading(agreed)) == (409, KNOWN)
+    assert COOKIE not in client.cookies
+    assert rows_of_people(studio) == kept
+    assert identities(client, token_for(studio)) == {"PROLIFIC_PID": "5f0c", "SESSION_ID": "first"}
+
+
+def test_a_survey_code_of_sona_is_no_proof(client: Api, recruit: Recruit, studio: Studio) -> None:
+    recruit(SONA)
+    agree(client, "?id=4711")
+    in_another_browser(client)
+    assert heading(client.get("/s/short?id=4711")) == KNOWN
+    assert heading(come_back(client, "?id=4711")) == KNOWN
+    assert sessions_and_people(studio) == (1, 1)
+
+
+@pytest.mark.parametrize(
+    ("plan", "own", "other"),
+    [
+        (CONNECT, "participantId=p&assignmentId=a&projectId=x", "participantId=p&assignmentId=b"),
+        (MTURK, "workerId=W1&assignmentId=A1", "workerId=W1&assignmentId=A2"),
+    ],
+)
+def test_every_platform_with_an_id_of_the_submission_leads_back_by_it(
+    client: Api, recruit: Recruit, studio: Studio, plan: str, own: str, other: str
+) -> None:
+    recruit(plan)
+    agree(client, f"?{own}")
+    in_another_browser(client)
+    assert come_back(client, f"?{other}").status_code == 409
+    sent_on(come_back(client, f"?{own}"))
+    assert heading(client.get("/s/short")) == "What you will do"
+    assert sessions_and_people(studio) == (1, 1)
+
+
+def test_looking_at_a_link_writes_nothing_and_each_return_replaces_the_one_before(
+    client: Api, recruit: Recruit, studio: Studio
+) -> None:
+    recruit(recruitment("resume"))
+    agree(client, LINK)
+    tokens: list[str] = []
+    for _ in range(5):
+        in_another_browser(client)
+        for _ in range(3):
+            client.get(f"/s/short{LINK}", headers={"Sec-Purpose": "prefetch"})
+        assert rows_of_people(studio).get("reentries", 0) == min(len(tokens), 1)
+        sent_on(come_back(client, LINK))
+        tokens.append(client.cookies[COOKIE])
+    assert rows_of_people(studio)["reentries"] == 1
+    statuses = [
+        client.get("/api/v1/session", headers={"Authorization": f"Bearer {token}"}).status_code
+        for token in tokens
+    ]
+    assert statuses == [401, 401, 401, 401, 200]
+
+
+def test_a_browser_that_came_back_by_ids_sees_no_receipt_and_deletes_nothing(
     client: Api, recruit: Recruit, studio: Studio, clock: Clock
 ) -> None:
     recruit(recruitment("resume"))
     agree(client, LINK)
     first_receipt = shown_receipt(client)
-    first = session_of(client, clock, "completed")
+    first = session_of(client, clock, "instructions")
     in_another_browser(client)
-    client.get(f"/s/short{LINK}")
-    second_receipt = shown_receipt(client)
-    assert second_receipt not in (None, first_receipt)
-    assert first.look()["stage"] == "completed"
+    sent_on(come_back(client, LINK))
+    token = client.cookies[COOKIE]
+    assert shown_receipt(client) is None
+    assert "withdraw-delete" not in client.get("/s/short/withdraw").text
+    client.post("/s/short/withdraw", data={"delete": "yes"})
+    authorization = {"Authorization": f"Bearer {token}"}
+    refused = client.post("/api/v1/session/withdraw", json={"delete": True}, headers=authorization)
+    assert refused.status_code == 403
+    body = {"receipt": receipt_code(token)}
+    assert client.post("/api/v1/studies/short/deletions", json=body).status_code == 404
+    assert first.look()["stage"] == "instructions"
 
-    gone = client.post("/api/v1/studies/short/deletions", json={"receipt": second_receipt})
+    gone = client.post("/api/v1/studies/short/deletions", json={"receipt": first_receipt})
     assert gone.status_code == 204
     assert rows_of_people(studio) == {"tombstones": 1}
-    again = client.post("/api/v1/studies/short/deletions", json={"receipt": first_receipt})
-    assert again.status_code == 404
+
+
+def test_the_receipt_code_leads_back_and_lets_one_do_everything(
+    client: Api, recruit: Recruit, studio: Studio
+) -> None:
+    recruit(recruitment("resume"))
+    agree(client, LINK)
+    receipt = shown_receipt(client) or ""
+    in_another_browser(client)
+    wrong = come_back(client, ALONE, receipt="not this one")
+    assert (wrong.status_code, heading(wrong)) == (404, KNOWN)
+    assert 'role="alert"' in wrong.text
+    sent_on(come_back(client, ALONE, receipt=receipt.lower()))
+    assert heading(client.get("/s/short")) == "What you will do"
+    assert shown_receipt(client) not in (None, receipt)
+    client.post("/s/short/withdraw", data={"delete": "yes"})
+    assert rows_of_people(studio) == {"tombstones": 1}
 
 
 def test_whoever_has_completed_finds_the_code_again(
@@ -93,7 +200,7 @@ def test_whoever_has_completed_finds_the_code_again(
     agree(client, LINK)
     session_of(client, clock, "completed")
     in_another_browser(client)
-    client.get(f"/s/short{AGAIN}")
+    come_back(client, LINK)
     assert (return_link(client.get("/s/short").text) or "").endswith("cc=COMPLETE1")
 
 
@@ -105,11 +212,11 @@ def test_taken_back_even_into_a_study_that_is_closed_by_now(
     session_of(client, clock, "query")
     studies.close_study(studio, "short")
     in_another_browser(client)
-    sent_on(client.get(f"/s/short{AGAIN}"))
+    sent_on(come_back(client, LINK))
     assert heading(client.get("/s/short")) == HEADINGS["query"]
 
 
-def test_a_session_that_was_left_for_too_long_is_begun_again_by_the_same_participant(
+def test_a_session_that_was_left_for_too_long_is_begun_again(
     client: Api, recruit: Recruit, studio: Studio, clock: Clock
 ) -> None:
     recruit(recruitment("resume"))
@@ -118,23 +225,24 @@ def test_a_session_that_was_left_for_too_long_is_begun_again_by_the_same_partici
     in_another_browser(client)
     assert heading(client.get(f"/s/short{AGAIN}")) == HEADINGS["consent"]
     sent_on(agree(client, AGAIN))
-    assert sessions_and_people(studio) == (2, 1)
+    assert sessions_and_people(studio) == (2, 2)
 
 
 @pytest.mark.parametrize("stage", ["query", "completed"])
+@pytest.mark.parametrize("link", [LINK, ALONE, AGAIN])
 def test_a_study_that_takes_each_person_once_says_so_on_a_page_of_its_own(
-    client: Api, recruit: Recruit, studio: Studio, clock: Clock, stage: str
+    client: Api, recruit: Recruit, studio: Studio, clock: Clock, stage: str, link: str
 ) -> None:
     recruit(recruitment("block"))
     agree(client, LINK)
     session_of(client, clock, stage)
     in_another_browser(client)
-    page = client.get(f"/s/short{AGAIN}")
+    page = client.get(f"/s/short{link}")
     assert (page.status_code, heading(page)) == (409, "You have taken part already")
-    assert "set-cookie" not in page.headers
-    # Whoever comes back for the code alone still gets it.
+    assert COOKIE not in client.cookies
+    # Whoever comes back for the code alone still gets it; who knows their id alone does not.
     code = return_link(page.text)
-    assert (code is not None) == (stage == "completed")
+    assert (code is not None) == (stage == "completed" and link == LINK)
     assert sessions_and_people(studio) == (1, 1)
 
 
@@ -152,29 +260,31 @@ def test_a_second_window_that_agrees_later_is_stopped_as_well(
     assert sessions_and_people(studio) == (1, 1)
 
 
-def test_a_study_may_take_a_person_as_often_as_they_come(
+def test_a_study_may_take_a_person_as_often_as_they_come_and_joins_nobody_by_an_id(
     client: Api, recruit: Recruit, studio: Studio, clock: Clock
 ) -> None:
     recruit(recruitment("again"))
     for link in (LINK, AGAIN):
         sent_on(agree(client, link))
-        session_of(client, clock, "completed")
+        session = session_of(client, clock, "completed")
         in_another_browser(client)
-    assert sessions_and_people(studio) == (2, 1)
-    table = client.table("participants", token_for(studio))
-    assert table["sessions"].to_list() == [2]
+    assert sessions_and_people(studio) == (2, 2)
+    table = client.table("identities", token_for(studio))
+    assert sorted(table["value"]) == ["5f0c", "5f0c", "first", "second"]
+    # Whoever begins under somebody's id can delete what they gave themselves, and no more.
+    session.call("withdraw", {"delete": True})
+    assert sessions_and_people(studio) == (1, 1)
 
 
-def test_deletion_takes_every_session_of_the_person(
+def test_in_the_same_browser_a_further_submission_begins_a_further_session(
     client: Api, recruit: Recruit, studio: Studio, clock: Clock
 ) -> None:
     recruit(recruitment("again"))
-    for link in (LINK, AGAIN):
-        agree(client, link)
-        session = session_of(client, clock, "query")
-        in_another_browser(client)
-    session.call("withdraw", {"delete": True})
-    assert rows_of_people(studio) == {"tombstones": 2}
+    agree(client, LINK)
+    session_of(client, clock, "completed")
+    assert heading(client.get(f"/s/short{LINK}")) == HEADINGS["completed"]
+    sent_on(agree(client, AGAIN))
+    assert sessions_and_people(studio) == (2, 2)
 
 
 def test_whoever_had_everything_deleted_or_declined_is_a_newcomer_again(
@@ -208,15 +318,21 @@ def begin(client: Api, **body: object) -> httpx.Response:
     return client.post("/api/v1/studies/short/sessions", json=body)
 
 
-def test_the_api_takes_back_blocks_and_begins_again_alike(
+def test_by_the_api_strangers_are_not_taken_back_and_experimenters_programs_are(
     client: Api, recruit: Recruit, studio: Studio
 ) -> None:
-    ids = {"PROLIFIC_PID": "5f0c"}
+    ids = {"PROLIFIC_PID": "5f0c", "SESSION_ID": "first"}
     recruit(recruitment("resume"))
     first = Session(client, begin(client, external_ids=ids).json()["token"], {})
     first.look()
     first.to_first_query()
-    back = begin(client, external_ids=ids).json()
+    for known in (ids, {"prolific_pid": " 5f0c "}):
+        refused = begin(client, external_ids=known)
+        assert refused.status_code == 409
+        assert refused.json()["type"] == "urn:pbpo-studio:problem:known-person"
+    headers = {"Authorization": f"Bearer {token_for(studio)}"}
+    path = "/api/v1/studies/short/sessions"
+    back = client.post(path, json={"external_ids": ids}, headers=headers).json()
     assert back["session"]["stage"] == "query"
     assert back["token"] != first.token
     assert sessions_and_people(studio) == (1, 1)

@@ -1,0 +1,122 @@
+"""The cookies of an evaluator's browser: whether it keeps any, and how long it keeps a session's.
+
+A session begins only once the browser has brought back a cookie that says nothing: where cookies
+are blocked, each press would begin another one, and spend a place or a personal link.
+"""
+
+from __future__ import annotations
+
+from datetime import timedelta
+from urllib.parse import urlencode
+
+from fastapi import Request
+from fastapi.responses import RedirectResponse, Response
+
+from app.services import holding
+from app.services.studio import Studio
+from app.services.tokens import secret_hash
+
+from . import entrances
+from .security import SESSION_COOKIE_SECONDS, session_cookie, set_cookie
+
+#: Says nothing but that the browser keeps cookies; it goes when the browser is closed.
+_KEEPS = "pbpo_keeps_cookies"
+#: In the address to which a form was sent on, with the cookie, to see whether it comes back.
+_SENT_ON = "cookie"
+#: For how long after the end the browser that came to it is shown the receipt, in seconds.
+_RECEIPT_SECONDS = 600
+
+
+def show_that_kept(request: Request, studio: Studio, response: Response) -> Response:
+    """Hand out the cookie that shows it, with a page whose form begins a session."""
+    if _KEEPS not in request.cookies:
+        set_cookie(response, studio, _KEEPS, "1")
+    return response
+
+
+def are_kept(request: Request, slug: str) -> bool:
+    """Whether the browser has brought a cookie of ours back."""
+    return _KEEPS in request.cookies or session_cookie(slug) in request.cookies
+
+
+def sent_on(request: Request, studio: Studio) -> Response | None:
+    """The form once more, with a cookie to be brought back; None if that was done already."""
+    if _SENT_ON in request.query_params:
+        return None
+    query = urlencode([*request.query_params.multi_items(), (_SENT_ON, "asked")])
+    response = RedirectResponse(f"{request.url.path}?{query}", status_code=307)
+    return show_that_kept(request, studio, response)
+
+
+def way_in(request: Request, slug: str) -> str:
+    """The study's address with what the link said of the person."""
+    query = urlencode([pair for pair in request.query_params.multi_items() if pair[0] != _SENT_ON])
+    base = entrances.base_of(request, slug)
+    return f"{base}?{query}" if query else base
+
+
+def keep_session(
+    response: Response, studio: Studio, slug: str, token: str, entry: str | None = None
+) -> None:
+    """Have the browser keep its session, and by which personal link it began."""
+    set_cookie(response, studio, session_cookie(slug), token, max_age=SESSION_COOKIE_SECONDS)
+    if entry is not None:
+        name, value = _entry_cookie(slug), secret_hash(entry)
+        set_cookie(response, studio, name, value, max_age=SESSION_COOKIE_SECONDS)
+
+
+def began_by(request: Request, slug: str, entry: str) -> bool:
+    """Whether the browser's session began by this personal link."""
+    return request.cookies.get(_entry_cookie(slug)) == secret_hash(entry)
+
+
+def forget(response: Response, slug: str) -> Response:
+    """Have the browser forget its session of this study."""
+    for name in (session_cookie(slug), _entry_cookie(slug), _ended_cookie(slug)):
+        response.delete_cookie(name)
+    return response
+
+
+def has_ended(response: Response, studio: Studio, slug: str, token: str) -> None:
+    """Have the browser that came to the end keep the session for a day, and the receipt shown."""
+    _keep_for(response, studio, slug, token, holding.KEPT_AFTER_END)
+    set_cookie(response, studio, _ended_cookie(slug), "1", max_age=_RECEIPT_SECONDS)
+
+
+def still_has_ended(
+    request: Request, response: Response, studio: Studio, slug: str, token: str
+) -> None:
+    """On a page of the end: the cookie's time is what is left of the day since then."""
+    ended_at = holding.ended_at(studio, slug, token)
+    if ended_at is None:
+        return
+    _keep_for(response, studio, slug, token, ended_at + holding.KEPT_AFTER_END - studio.now())
+    if _ended_cookie(slug) in request.cookies and not _came_from_own_page(request):
+        response.delete_cookie(_ended_cookie(slug))
+
+
+def shows_receipt(request: Request, slug: str, *, has_ended: bool) -> bool:
+    """Whether the page is one that the session's person has just pressed their way to.
+
+    Whoever comes by a link or types the address may be the next person at a shared computer. After
+    the end, a browser that does not say where it comes from is shown the receipt once.
+    """
+    from_elsewhere = request.headers.get("sec-fetch-site", "same-origin") != "same-origin"
+    return not from_elsewhere and (not has_ended or _ended_cookie(slug) in request.cookies)
+
+
+def _keep_for(response: Response, studio: Studio, slug: str, token: str, time: timedelta) -> None:
+    seconds = max(1, int(time.total_seconds()))
+    set_cookie(response, studio, session_cookie(slug), token, max_age=seconds)
+
+
+def _came_from_own_page(request: Request) -> bool:
+    return request.headers.get("sec-fetch-site") == "same-origin"
+
+
+def _entry_cookie(slug: str) -> str:
+    return f"pbpo_entry_{slug}"
+
+
+def _ended_cookie(slug: str) -> str:
+    return f"pbpo_ended_{slug}"

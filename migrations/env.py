@@ -7,7 +7,7 @@ from typing import Any
 from alembic import context
 from sqlalchemy import event, text
 
-from app.storage import accounts, arrivals, records, server_secrets, tables
+from app.storage import accounts, arrivals, consent_tables, records, server_secrets, tables
 from app.storage.alone import Alone
 from app.storage.database import Database
 
@@ -15,6 +15,7 @@ from app.storage.database import Database
 for _table in (
     accounts.Account,
     arrivals.Reentry,
+    consent_tables.ConsentRow,
     records.AuditEvent,
     server_secrets.ServerSecret,
 ):

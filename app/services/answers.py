@@ -151,10 +151,11 @@ def _store(
         "skip_reason": answer.skip_reason,
         "rt_ms": answer.rt_ms,
         "answered_at": now,
+        "plan_id": row.plan_id,
     }
     insert_rows(session, Response, [given])
     set_committed_value(query, "response", Response(**given))
-    queries.store_events(session, row, query, answer.happenings)
+    seen_events.keep(session, row, query, answer.happenings, answer.left_out, now)
     if step is None:
         _go_on_practising(studio, session, row, query, now)
         return None

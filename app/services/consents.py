@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from datetime import datetime
 from functools import lru_cache
 from typing import Any
 
 from sqlalchemy import Select, bindparam, select
 from sqlalchemy.orm import Session, object_session
 
-from app.storage.tables import Event, PlanVersion, SessionRow
+from app.storage.consent_tables import ConsentRow
+from app.storage.tables import PlanVersion, SessionRow
 from app.study import protocol, texts
 from app.study.protocol import FINAL_STAGES, Stage
 
@@ -69,21 +71,26 @@ def require_none_due(row: SessionRow) -> None:
         raise protocol.OutOfOrder(Stage.CONSENT, "the consent has changed, and is asked for again")
 
 
-def renew(session: Session, row: SessionRow, version: PlanVersion, given: str) -> None:
-    """Take the agreement to a changed text: the session keeps its place. Raises StaleConsent."""
+def renew(row: SessionRow, version: PlanVersion, given: str) -> None:
+    """Go on under `version`, whose consent is agreed to: the session keeps its place.
+
+    What was answered before stays under the version that it was answered under. Raises
+    StaleConsent.
+    """
     in_force = text(stored_texts(version)[row.language])["version"]
     if given != in_force:
         raise protocol.StaleConsent(in_force, given)
-    if row.consent_version is not None:
-        session.add(
-            Event(
-                session_id=row.id,
-                trial_index=NO_TRIAL,
-                query_index=NO_TRIAL,
-                event="consent_renewed",
-                time_ms=0.0,
-                # What the answers so far were given under.
-                value=row.consent_version,
-            )
-        )
     row.plan = version
+
+
+def agree(session: Session, row: SessionRow, version: str, now: datetime) -> None:
+    """Keep the agreement to the consent of the plan that the session is under; earlier ones stay.
+
+    The session's own columns say what its last agreement was.
+    """
+    session.flush()  # which version of the plan that is
+    session.add(
+        ConsentRow(session_id=row.id, plan_id=row.plan_id, consent_version=version, agreed_at=now)
+    )
+    row.consent_version = version
+    row.consented_at = now

@@ -30,16 +30,15 @@ def consent(studio: Studio, token: str, version: str) -> State:
         changed = consents.due(session, row)
         if changed is not None:
             is_again = row.stage != Stage.CONSENT
-            consents.renew(session, row, changed, version)
+            consents.renew(row, changed, version)
             if is_again:
-                row.consent_version = version
-                row.consented_at = row.last_seen_at = studio.now()
+                row.last_seen_at = studio.now()
+                consents.agree(session, row, version, row.last_seen_at)
                 return session_state.describe(studio, session, row)
         now_in_force = consents.text(studies.stored_texts(row.plan)[row.language])["version"]
         event = protocol.Consented(version=version, current_version=now_in_force)
         sessions.advance(studio, row, event)
-        row.consent_version = version
-        row.consented_at = studio.now()
+        consents.agree(session, row, version, studio.now())
         state = session_state.describe(studio, session, row)
         first = trials.first_query(studio, row)
         coming = [*playlist.test_clips(studio, row), first.left, first.right]

@@ -306,6 +306,8 @@ class Response(Base):
     skip_reason: Mapped[str | None] = mapped_column(String(60))
     rt_ms: Mapped[float | None]
     answered_at: Mapped[datetime]
+    # Under which version of plan and texts it was given; None where older data cannot tell.
+    plan_id: Mapped[int | None] = mapped_column(ForeignKey("plans.id", ondelete="CASCADE"))
 
     query: Mapped[QueryRow] = relationship(back_populates="response")
 

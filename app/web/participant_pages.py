@@ -9,6 +9,7 @@ from fastapi.responses import Response
 
 from app.services import (
     admission,
+    declining,
     modes,
     participation,
     recruitment,
@@ -151,11 +152,13 @@ def _enter(
 @router.post("/decline")
 @in_line
 def decline(slug: str, request: Request, studio: StudioDep) -> Response:
-    """Decline. A newcomer leaves without a trace."""
+    """Decline. Of a newcomer nothing is kept but that one more declined."""
     # The browser may hold the session of somebody else, who declines nothing by this.
     is_own = arrivals.holder(request, slug, studio) is Holder.SAME
     token = request.cookies.get(session_cookie(slug))
     if not is_own or token is None or not is_known(studio, token):
+        if entrances.mode_of(request) == modes.LIVE:
+            declining.count(studio, slug)
         return render(
             request,
             slug,

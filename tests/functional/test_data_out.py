@@ -361,6 +361,7 @@ def test_the_reports_numbers_are_those_of_the_tables(data: Data) -> None:
         "Not finished": int((sessions["stage"] == "query").sum()),
         "Completed": int((sessions["stage"] == "completed").sum()),
         "Left out by the filter": 1,
+        "Without an answer that counts": 0,
         "Counted in this report": 1,
     }
     engines = found["Engines that chose the queries"]
@@ -369,7 +370,8 @@ def test_the_reports_numbers_are_those_of_the_tables(data: Data) -> None:
     }
     assert found["What was noticed of sessions"]["Fast answers"][0] == "1"
     (plan,) = found["Plans that sessions ran under"].values()
-    assert plan == (sessions["plan_hash"].iloc[0], "1")
+    in_trials = queries[queries["trial_index"] >= 0]["response"].notna().sum()
+    assert plan == (sessions["plan_hash"].iloc[0], "1", str(in_trials))
     assert found["Consents that were agreed to"].keys() == set(sessions["consent_version"])
 
 

@@ -37,7 +37,15 @@ ACQUIRED = [
 ]
 EVENTS = ["session_id", "trial_index", "query_index", "event", "side", "time_ms", "value"]
 IN_THE_ZIP = [
-    *("queries", "preferences", "acquired", "sessions", "participants", "questionnaires"),
+    *(
+        "queries",
+        "preferences",
+        "acquired",
+        "sessions",
+        "consents",
+        "participants",
+        "questionnaires",
+    ),
     *("deletions", "events", "evidence", "checks", "undone", "faults", "recordings"),
     "data_dictionary",
 ]

@@ -62,9 +62,9 @@ def test_a_changed_consent_is_asked_for_again_and_the_session_keeps_its_place(
     assert session.state == before
     row = client.table("sessions", api_token).iloc[0]
     assert row["consent_version"] == asked["consent"]["version"]
-    renewed = client.table("events", api_token)
-    assert renewed["event"].to_list()[-1] == "consent_renewed"
-    assert renewed["value"].to_list()[-1] == old
+    agreed = client.table("consents", api_token)
+    assert agreed["consent_version"].to_list() == [old, row["consent_version"]]
+    assert agreed["plan_version"].to_list() == [1, 2]
 
 
 def test_an_answer_given_before_the_text_changed_is_kept_and_the_consent_comes_next(

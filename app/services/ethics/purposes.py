@@ -67,8 +67,8 @@ STORED: Mapping[str, Stored] = {
             "trial_index": "Where the session stands, so that it can go on there.",
             "query_index": "Where the session stands, so that it can go on there.",
             "break_ends_at": "When a break is over.",
-            "consent_version": "Which text the person agreed to.",
-            "consented_at": "When the person agreed.",
+            "consent_version": "Which text the person last agreed to.",
+            "consented_at": "When the person last agreed.",
             "platform": "Which recruitment platform the person came from.",
             "receipt_hash": "Lets the person have everything deleted later, without a name.",
             "watched": "Which introductory videos were watched to the end.",
@@ -76,6 +76,25 @@ STORED: Mapping[str, Stored] = {
             "last_seen_at": "Tells who is still there from who left: free places, expiry.",
             "ended_at": "Duration of taking part; retention counts from it.",
             "expires_at": "When an unfinished session can no longer be taken up.",
+        },
+    ),
+    "consents": Stored(
+        Whose.ANSWERS,
+        {
+            "id": _ID,
+            "session_id": _ID,
+            "plan_id": "Under which version of the plan and texts.",
+            "consent_version": "Which text the person agreed to: proof of each consent.",
+            "agreed_at": "When the person agreed.",
+        },
+    ),
+    "declined_counts": Stored(
+        Whose.COUNT,
+        {
+            "id": _ID,
+            "study_id": _ID,
+            "day": "On which day; not at which moment, which could be matched.",
+            "number": "How often somebody declined: the flow of participants.",
         },
     ),
     "reentries": Stored(
@@ -134,6 +153,7 @@ STORED: Mapping[str, Stored] = {
             "skip_reason": "Why they skipped, where the study asks.",
             "rt_ms": "How long it took: effort, and answers too fast to be meant.",
             "answered_at": "The order and pace of answers.",
+            "plan_id": "Under which version of plan and consent it was given.",
         },
     ),
     "undone_responses": Stored(

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from sqlalchemy import select
+from sqlalchemy import and_, case, select
 from sqlalchemy.orm import Session
 
+from app.storage.consent_tables import ConsentRow
 from app.storage.tables import (
     Acquired,
     Event,
@@ -23,7 +24,6 @@ from app.study.plan import Plan
 from .columns import (
     MODE,
     PARTICIPANT,
-    PLAN_HASH,
     QUERY,
     SESSION,
     STUDY,
@@ -48,7 +48,7 @@ from .columns import (
 def _queries_columns(plan: Plan) -> tuple[Column, ...]:
     return (
         STUDY,
-        PLAN_HASH,
+        text("plan_hash", "SHA-256 of the plan, texts and recordings it was answered under."),
         PARTICIPANT,
         SESSION,
         MODE,
@@ -76,24 +76,42 @@ def _queries_columns(plan: Plan) -> tuple[Column, ...]:
         text("acquisition", "What chose the pair."),
         integer("seed", "Seed of the proposal."),
         text("engine_version", "Version of the optimiser that made the proposal."),
-        text("consent_version", "Version of the consent that the participant agreed to."),
+        text(
+            "consent_version",
+            "Version of the consent that the participant had agreed to when they answered; of an"
+            " open query, that they last agreed to. See consents.csv.",
+        ),
     )
 
 
 def _queries_rows(session: Session, request: Request) -> Iterator[Row]:
     by_candidate = points(session, request)
     names = recording_names(session, request)
+    under = case((Response.id.is_(None), SessionRow.plan_id), else_=Response.plan_id)
     statement = of_trials(
-        select(QueryRow, Trial, SessionRow, Participant.pseudonym, PlanVersion.plan_hash, Response)
+        select(
+            QueryRow,
+            Trial,
+            SessionRow,
+            Participant.pseudonym,
+            PlanVersion.plan_hash,
+            Response,
+            ConsentRow.consent_version,
+        )
         .join(Trial, QueryRow.trial_id == Trial.id)
         .join(SessionRow, Trial.session_id == SessionRow.id)
         .join(Participant, SessionRow.participant_id == Participant.id)
-        .join(PlanVersion, SessionRow.plan_id == PlanVersion.id)
         .outerjoin(Response, Response.query_id == QueryRow.id)
+        # What an answer was given under stays, whatever the person agreed to later.
+        .outerjoin(PlanVersion, PlanVersion.id == under)
+        .outerjoin(
+            ConsentRow,
+            and_(ConsentRow.session_id == SessionRow.id, ConsentRow.plan_id == under),
+        )
         .where(QueryRow.set_aside_at.is_(None)),
         request,
     ).order_by(SessionRow.id, Trial.trial_index, QueryRow.query_index)
-    for query, trial, row, pseudonym, plan_hash, response in fetch(session, statement):
+    for query, trial, row, pseudonym, plan_hash, response, consent in fetch(session, statement):
         chosen = {"left": query.left_candidate, "right": query.right_candidate}
         pressed = response.response if response else None
         yield (
@@ -123,7 +141,7 @@ def _queries_rows(session: Session, request: Request) -> Iterator[Row]:
             query.acquisition,
             query.seed,
             query.engine_version,
-            row.consent_version,
+            consent,
         )
 
 

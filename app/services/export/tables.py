@@ -10,6 +10,7 @@ from app.study.plan import Plan
 
 from .answers import ACQUIRED, EVENTS, PREFERENCES, QUERIES
 from .columns import Column, Request, Row, Table, text
+from .consents import CONSENTS
 from .evidence import CHECKS, FAULTS, UNDONE
 from .people import DELETIONS, IDENTITIES, PARTICIPANTS, QUESTIONNAIRES, SESSIONS
 from .playback import PLAYBACK
@@ -48,6 +49,7 @@ ZIPPED = (
     PREFERENCES,
     ACQUIRED,
     SESSIONS,
+    CONSENTS,
     PARTICIPANTS,
     QUESTIONNAIRES,
     DELETIONS,

@@ -6,6 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 
+def many(number: int, one: str, several: str = "") -> str:
+    """The number with its noun: 1 trial, 2 trials."""
+    return f"{number} {one if number == 1 else several or f'{one}s'}"
+
+
 @dataclass(frozen=True)
 class Heading:
     """level: 2 for a part of the report, 3 within one."""

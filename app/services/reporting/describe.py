@@ -6,6 +6,7 @@ import hashlib
 
 from sqlalchemy import func, select
 
+from app.services import declining
 from app.services import results as watched
 from app.services.export.columns import Request, sessions_of
 from app.services.export.filters import in_words
@@ -16,7 +17,7 @@ from app.storage.tables import SessionRow
 
 from .blocks import Block, Heading, Report, Table
 from .design import design
-from .flow import count, counted_sessions, flow
+from .flow import answers_of, count, flow, let_through
 from .outcome import results
 from .reliability import reliability
 from .versions import versions
@@ -31,9 +32,11 @@ def describe(studio: Studio, request: Request) -> Report:
         digest.update(piece)
     everybody = watched.sessions(studio, study, request.modes)
     deleted = watched.deleted(studio, study.id, request.modes)
+    declined = declining.counted(studio, study.id, request.modes)
     with studio.database.read() as session:
-        kept = counted_sessions(session, request)
-        lines = [line for line in everybody if line.session_id in kept]
+        rests_on = answers_of(session, request)
+        lines = [line for line in everybody if line.session_id in rests_on.sessions]
+        passed = let_through(session, request)
         last = session.scalar(
             select(func.max(SessionRow.last_seen_at)).where(*sessions_of(request))
         )
@@ -48,7 +51,12 @@ def describe(studio: Studio, request: Request) -> Report:
             Heading("Summary"),
             Table("What this report is about", ("Of", "Is"), facts),
             *design(session, study),
-            *flow(count(everybody, deleted, len(kept)), lines),
+            *flow(
+                count(everybody, deleted, declined, passed, len(rests_on.sessions)),
+                rests_on,
+                lines,
+                request,
+            ),
             *results(session, request),
             *reliability(session, request, lines),
             *versions(session, request, digest.hexdigest()),

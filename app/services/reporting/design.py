@@ -13,7 +13,7 @@ from app.storage.tables import Candidate, Recording
 from app.study.assignment import plan_orders
 from app.study.plan import Plan
 
-from .blocks import Block, Heading, Paragraph, Table
+from .blocks import Block, Heading, Paragraph, Table, many
 
 
 def design(session: Session, study: StudyInfo) -> Iterator[Block]:
@@ -53,14 +53,14 @@ def _course(plan: Plan) -> Iterator[str]:
     """A session in sentences, as a section on methods would tell it."""
     shown = plan.shown_per_trial
     yield (
-        f"Each session has {_many(plan.trials, 'trial')} of"
-        f" {_many(plan.queries_per_trial, 'two-choice query', 'two-choice queries')},"
-        f" {_many(plan.trials_per_condition, 'trial')} for each of"
-        f" {_many(len(plan.conditions), 'condition')}; each trial begins with a fresh model."
+        f"Each session has {many(plan.trials, 'trial')} of"
+        f" {many(plan.queries_per_trial, 'two-choice query', 'two-choice queries')},"
+        f" {many(plan.trials_per_condition, 'trial')} for each of"
+        f" {many(len(plan.conditions), 'condition')}; each trial begins with a fresh model."
     )
     orders = len(plan_orders(plan))
     if plan.order == "counterbalanced":
-        yield f"The order of the conditions is counterbalanced over {_many(orders, 'order')}."
+        yield f"The order of the conditions is counterbalanced over {many(orders, 'order')}."
     else:
         yield "The order of the conditions is the same for everybody."
     if plan.blocks == "environment":
@@ -69,17 +69,17 @@ def _course(plan: Plan) -> Iterator[str]:
         yield f"Between trials there is a break of {plan.break_s} s."
     if plan.familiarisation.videos:
         yield (
-            f"Beforehand, {_many(plan.familiarisation.videos, 'video')} drawn at random can be"
+            f"Beforehand, {many(plan.familiarisation.videos, 'video')} drawn at random can be"
             f" watched, of which {plan.familiarisation.required} must be."
         )
     if plan.practice.queries:
-        pairs = _many(plan.practice.queries, "pair")
+        pairs = many(plan.practice.queries, "pair")
         yield f"{pairs} are for practice, and no model learns from them."
     if shown > plan.queries_per_trial:
         learns = "learns" if plan.checks.in_model else "does not learn"
         yield (
-            f"A trial also shows {_many(plan.repeats_per_trial, 'repeat')} with the sides swapped"
-            f" and {_many(plan.attention_per_trial, 'attention check')}; the model {learns} from"
+            f"A trial also shows {many(plan.repeats_per_trial, 'repeat')} with the sides swapped"
+            f" and {many(plan.attention_per_trial, 'attention check')}; the model {learns} from"
             " them."
         )
     for when, items in (
@@ -91,10 +91,6 @@ def _course(plan: Plan) -> Iterator[str]:
             yield f"{when} a questionnaire asks for {names}."
     if plan.reward is not None:
         yield f"A session is paid with {plan.reward.amount:g} {plan.reward.currency}."
-
-
-def _many(number: int, one: str, several: str = "") -> str:
-    return f"{number} {one if number == 1 else several or f'{one}s'}"
 
 
 def _space(session: Session, study: StudyInfo) -> Iterator[tuple[str, ...]]:

@@ -8,23 +8,24 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from sqlalchemy import select
+from sqlalchemy import case, func, select
 from sqlalchemy.orm import Session
 
-from app.services.export.columns import Request, sessions_of
+from app.services.export.columns import Request, of_trials, sessions_of
 from app.services.results import SessionLine
 from app.services.watching.overview import median_minutes
-from app.storage.tables import SessionRow
+from app.storage.tables import QueryRow, Response, SessionRow, Trial
 
-from .blocks import Block, Heading, Paragraph, Table
+from .blocks import Block, Heading, Paragraph, Table, many
 
 
 @dataclass(frozen=True)
 class Flow:
     """How many sessions of the modes that are asked for; a session is one passage of a person.
 
-    deleted: at their person's wish; nothing else is known of them, and they are in no other number
-    but `arrived`. under_way: neither ended nor left. left_out: by the filter. counted: the rest.
+    arrived: agreed or declined; who left the consent page without a word is not known. deleted: at
+    their person's wish; nothing else is known of them. under_way: neither ended nor left. left_out:
+    by the filter. unanswered: let through by it, without an answer that counts. counted: the rest.
     """
 
     arrived: int
@@ -37,33 +38,80 @@ class Flow:
     under_way: int
     completed: int
     left_out: int
+    unanswered: int
     counted: int
 
 
-def count(lines: Sequence[SessionLine], deleted: int, counted: int) -> Flow:
-    """lines: all sessions of the modes. counted: how many of them the filter lets through."""
+@dataclass(frozen=True)
+class Answers:
+    """What a report rests on: answers in trials under the conditions that are asked for."""
+
+    sessions: frozenset[str]
+    people: int
+    answers: int
+    skips: int
+
+
+def answers_of(session: Session, request: Request) -> Answers:
+    """Counted are sessions that the filter lets through; the practice is in no count."""
+    statement = of_trials(
+        select(
+            SessionRow.public_id,
+            SessionRow.participant_id,
+            func.count(Response.id),
+            func.sum(case((Response.response == "skip", 1), else_=0)),
+        )
+        .join(Trial, Trial.session_id == SessionRow.id)
+        .join(QueryRow, QueryRow.trial_id == Trial.id)
+        .join(Response, Response.query_id == QueryRow.id)
+        .where(Trial.trial_index >= 0)
+        .group_by(SessionRow.public_id, SessionRow.participant_id),
+        request,
+    )
+    rows = session.execute(statement).all()
+    return Answers(
+        frozenset(public_id for public_id, *_ in rows),
+        len({person for _, person, *_ in rows}),
+        sum(int(answers) for *_, answers, _ in rows),
+        sum(int(skips) for *_, skips in rows),
+    )
+
+
+def count(
+    lines: Sequence[SessionLine], deleted: int, declined: int, let_through: int, answered: int
+) -> Flow:
+    """lines: all sessions of the modes. deleted, declined: of whom there is no session.
+
+    let_through: how many sessions the filter lets through; answered: how many of them count.
+    """
     stages = [line.stage for line in lines]
     ended = {name: stages.count(name) for name in ("declined", "screened_out", "withdrawn")}
     completed = stages.count("completed")
+    under_way = len(lines) - completed - sum(ended.values())
+    ended["declined"] += declined
     return Flow(
-        arrived=len(lines) + deleted,
+        arrived=len(lines) + deleted + declined,
         deleted=deleted,
         consented=sum(line.consented for line in lines),
         began=sum(line.began for line in lines),
         completed=completed,
-        under_way=len(lines) - completed - sum(ended.values()),
-        left_out=len(lines) - counted,
-        counted=counted,
+        under_way=under_way,
+        left_out=len(lines) - let_through,
+        unanswered=let_through - answered,
+        counted=answered,
         **ended,
     )
 
 
-def counted_sessions(session: Session, request: Request) -> frozenset[str]:
-    """The pseudonyms of the sessions that the filter lets through."""
-    return frozenset(session.scalars(select(SessionRow.public_id).where(*sessions_of(request))))
+def let_through(session: Session, request: Request) -> int:
+    """How many sessions the filter lets through."""
+    number = select(func.count(SessionRow.id)).where(*sessions_of(request))
+    return session.scalar(number) or 0
 
 
-def flow(found: Flow, lines: Sequence[SessionLine]) -> Iterator[Block]:
+def flow(
+    found: Flow, rests_on: Answers, lines: Sequence[SessionLine], request: Request
+) -> Iterator[Block]:
     """lines: those that are counted."""
     yield Heading("Flow of participants")
     yield Table(
@@ -80,16 +128,26 @@ def flow(found: Flow, lines: Sequence[SessionLine]) -> Iterator[Block]:
             ("Not finished", str(found.under_way)),
             ("Completed", str(found.completed)),
             ("Left out by the filter", str(found.left_out)),
+            ("Without an answer that counts", str(found.unanswered)),
             ("Counted in this report", str(found.counted)),
         ],
     )
-    people = len({line.participant_id for line in lines})
-    answered, skips = sum(line.answered for line in lines), sum(line.skips for line in lines)
-    said = (
-        f"What follows rests on {found.counted} sessions of {people} participants with {answered}"
-        f" answers, of which {skips} are skips."
+    yield Paragraph(
+        "Arrived are those who agreed or declined: visitors who left the consent page without a"
+        " word are not counted. Who declines there leaves nothing but a number, which counts"
+        " presses of the button."
     )
+    said = (
+        f"What follows rests on {many(found.counted, 'session')} of"
+        f" {many(rests_on.people, 'participant')} with {many(rests_on.answers, 'answer')}, of which"
+        f" {many(rests_on.skips, 'is a skip', 'are skips')}."
+    )
+    if request.conditions:
+        said += f" Only trials under {', '.join(request.conditions)} are counted."
     minutes = median_minutes(lines)
     if minutes is not None:
-        said += f" The median completed session took {minutes:.1f} minutes, breaks included."
+        said += (
+            f" The median completed session took {minutes:.1f} minutes, breaks"
+            f"{' and other conditions' if request.conditions else ''} included."
+        )
     yield Paragraph(said)

@@ -14,7 +14,7 @@ from app.services.quality import LABELS, RULES
 from app.services.results import SessionLine
 from app.storage.tables import QueryRow, SessionRow, Trial, UndoneResponse
 
-from .blocks import Block, Heading, Paragraph, Table
+from .blocks import Block, Heading, Paragraph, Table, many
 
 
 def reliability(
@@ -34,14 +34,17 @@ def reliability(
         for outcome in check_outcomes(session, *trials_of(request))
         if outcome.passed is not None and outcome.trial_index >= 0
     )
-    said = [f"{clean} of {len(lines)} sessions have no flag."]
+    said = [f"{clean} of {many(len(lines), 'session')} with answers have no flag."]
+    if request.conditions:
+        said.append("A flag is of a whole session, all its conditions included.")
     for kind, name in (("attention", "attention checks"), ("repeat", "repeats")):
         passed, failed = checks[kind, True], checks[kind, False]
         if passed + failed:
             said.append(f"Of {passed + failed} {name}, {passed} were passed.")
     said.append(
-        f"{_set_aside(session, request)} pairs were set aside because a video did not play, and"
-        f" {_undone(session, request)} answers were taken back at once."
+        f"{many(_set_aside(session, request), 'pair was', 'pairs were')} set aside because a video"
+        f" did not play, and {many(_undone(session, request), 'answer was', 'answers were')} taken"
+        " back at once."
     )
     yield Paragraph(" ".join(said))
 

@@ -7,13 +7,14 @@ import platform
 from collections.abc import Iterator
 from importlib.metadata import version
 
-from sqlalchemy import func, select
+from sqlalchemy import and_, func, select
 from sqlalchemy.orm import Session
 
 from app import __version__
 from app.services.export.columns import Request, of_sessions, of_trials
 from app.services.studies import StudyInfo
-from app.storage.tables import PlanVersion, QueryRow, SessionRow, Trial
+from app.storage.consent_tables import ConsentRow
+from app.storage.tables import PlanVersion, QueryRow, Response, SessionRow, Trial
 from app.study.texts import consent_version
 
 from .blocks import Block, Heading, Paragraph, Table
@@ -27,7 +28,7 @@ def versions(session: Session, request: Request, queries_sha256: str) -> Iterato
     yield Heading("Versions")
     yield Table(
         "Plans that sessions ran under",
-        ("Version", "SHA-256 of plan, texts and recordings", "Sessions"),
+        ("Version", "SHA-256 of plan, texts and recordings", "Sessions", "Answers"),
         list(_plans(session, request)),
     )
     yield Table(
@@ -42,7 +43,7 @@ def versions(session: Session, request: Request, queries_sha256: str) -> Iterato
     )
     yield Table(
         "Consents that were agreed to",
-        ("Version", "Sessions"),
+        ("Version", "Sessions", "Answers"),
         list(_consents(session, request)),
     )
     yield Table(
@@ -55,7 +56,7 @@ def versions(session: Session, request: Request, queries_sha256: str) -> Iterato
         ],
     )
     yield Paragraph(
-        "Every session has a random seed of its own, and every query the seed of its proposal: the"
+        "Every session has a random seed of its own, and every trial the seed of its proposals: the"
         " columns seed of sessions.csv and queries.csv. From them and the answers, pbpo replay"
         f" {request.study.slug} works every query out again. The numbers of this report are those"
         f" of queries.csv with the SHA-256 {queries_sha256}."
@@ -63,15 +64,38 @@ def versions(session: Session, request: Request, queries_sha256: str) -> Iterato
 
 
 def _plans(session: Session, request: Request) -> Iterator[tuple[str, ...]]:
-    statement = of_sessions(
-        select(PlanVersion.version, PlanVersion.plan_hash, func.count(SessionRow.id))
-        .join(SessionRow, SessionRow.plan_id == PlanVersion.id)
-        .group_by(PlanVersion.version, PlanVersion.plan_hash)
-        .order_by(PlanVersion.version),
+    """By version: who agreed to it, and what was answered under it."""
+    sessions = of_sessions(
+        select(ConsentRow.plan_id, func.count(SessionRow.id))
+        .join(SessionRow, ConsentRow.session_id == SessionRow.id)
+        .group_by(ConsentRow.plan_id),
         request,
     )
-    for number, digest, count in session.execute(statement):
-        yield str(number), digest, str(count)
+    of_plan: dict[int, int] = dict(session.execute(sessions).all())
+    answers = _answers_under(session, request)
+    statement = (
+        select(PlanVersion.id, PlanVersion.version, PlanVersion.plan_hash)
+        .where(PlanVersion.study_id == request.study.id)
+        .order_by(PlanVersion.version)
+    )
+    for plan_id, number, digest in session.execute(statement):
+        if plan_id in of_plan or plan_id in answers:
+            yield str(number), digest, str(of_plan.get(plan_id, 0)), str(answers.get(plan_id, 0))
+    if None in answers:
+        yield "unknown", "", "", str(answers[None])
+
+
+def _answers_under(session: Session, request: Request) -> dict[int | None, int]:
+    statement = of_trials(
+        select(Response.plan_id, func.count(Response.id))
+        .join(QueryRow, Response.query_id == QueryRow.id)
+        .join(Trial, QueryRow.trial_id == Trial.id)
+        .join(SessionRow, Trial.session_id == SessionRow.id)
+        .where(Trial.trial_index >= 0)
+        .group_by(Response.plan_id),
+        request,
+    )
+    return dict(session.execute(statement).all())
 
 
 def _engines(session: Session, request: Request) -> Iterator[tuple[str, ...]]:
@@ -97,12 +121,27 @@ def _texts(study: StudyInfo) -> Iterator[tuple[str, ...]]:
 
 
 def _consents(session: Session, request: Request) -> Iterator[tuple[str, ...]]:
+    """By version of the text: sessions whose person agreed to it, and answers given under it."""
     statement = of_sessions(
-        select(SessionRow.consent_version, func.count(SessionRow.id))
-        .where(SessionRow.consented_at.is_not(None))
-        .group_by(SessionRow.consent_version)
-        .order_by(SessionRow.consent_version),
+        select(ConsentRow.consent_version, func.count(SessionRow.id.distinct()))
+        .join(SessionRow, ConsentRow.session_id == SessionRow.id)
+        .group_by(ConsentRow.consent_version)
+        .order_by(ConsentRow.consent_version),
         request,
     )
+    given = of_trials(
+        select(ConsentRow.consent_version, func.count(Response.id))
+        .join(SessionRow, ConsentRow.session_id == SessionRow.id)
+        .join(Trial, Trial.session_id == SessionRow.id)
+        .join(QueryRow, QueryRow.trial_id == Trial.id)
+        .join(
+            Response,
+            and_(Response.query_id == QueryRow.id, Response.plan_id == ConsentRow.plan_id),
+        )
+        .where(Trial.trial_index >= 0)
+        .group_by(ConsentRow.consent_version),
+        request,
+    )
+    answers: dict[str, int] = dict(session.execute(given).all())
     for agreed, count in session.execute(statement):
-        yield agreed or "unknown", str(count)
+        yield agreed, str(count), str(answers.get(agreed, 0))

@@ -27,7 +27,7 @@ class Step:
 
     reached: how many came this far. share: of all that arrived, 0 to 1. The others are those who
     came no further: here, under way at this moment; away, not heard of for the study's lease; left,
-    who declined, withdrew or were screened out.
+    who declined, withdrew, were screened out or had all deleted.
     """
 
     label: str
@@ -38,8 +38,12 @@ class Step:
     left: int
 
 
-def funnel(lines: Sequence[SessionLine]) -> tuple[Step, ...]:
-    """The steps, from arriving to the end."""
+def funnel(lines: Sequence[SessionLine], without_session: int = 0) -> tuple[Step, ...]:
+    """The steps, from arriving to the end.
+
+    without_session: how many arrived of whom there is no session: declined, or deleted.
+    """
+    arrived = len(lines) + without_session
     reached = [how_far(line) for line in lines]
 
     def number(step: int, counts: Callable[[SessionLine], bool]) -> int:
@@ -47,15 +51,16 @@ def funnel(lines: Sequence[SessionLine]) -> tuple[Step, ...]:
 
     steps = []
     for step, label in LABELS.items():
-        came = sum(at >= step for at in reached)
+        came = sum(at >= step for at in reached) if step else arrived
         steps.append(
             Step(
                 label,
                 came,
-                came / len(lines) if lines else 0.0,
+                came / arrived if arrived else 0.0,
                 number(step, lambda line: line.presence == "here"),
                 number(step, lambda line: line.presence == "away"),
-                number(step, lambda line: line.presence == "left"),
+                number(step, lambda line: line.presence == "left")
+                + (0 if step else without_session),
             )
         )
     return tuple(steps)

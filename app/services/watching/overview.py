@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from statistics import median
 
-from app.services import results
+from app.services import declining, results
 from app.services.modes import ALL
 from app.services.results import SessionLine
 from app.services.state import ENDED
@@ -58,14 +58,17 @@ def overview(studio: Studio, study: StudyInfo, mode: str) -> Overview:
     ended = {stage: stages.count(stage) for stage in ENDED}
     minutes = median_minutes(lines)
     reward = study.plan.reward
+    deleted = results.deleted(studio, study.id, modes)
+    declined = declining.counted(studio, study.id, modes)
     return Overview(
         stamp=now,
         counts={
             "active": len(lines) - sum(ended.values()),
             **ended,
-            "deleted": results.deleted(studio, study.id, modes),
+            "declined": ended["declined"] + declined,
+            "deleted": deleted,
         },
-        steps=funnel(lines),
+        steps=funnel(lines, deleted + declined),
         conditions=conditions(studio, study, modes),
         sessions=lines,
         minutes=minutes,

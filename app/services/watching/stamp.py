@@ -13,6 +13,7 @@ from sqlalchemy import case, func, select
 
 from app.services.studio import Studio
 from app.storage.arrivals import Tombstone
+from app.storage.consent_tables import DeclinedCount
 from app.storage.records import FaultCount
 from app.storage.tables import SessionRow, Study
 
@@ -44,9 +45,14 @@ def stamp(studio: Studio, study_id: int, modes: Sequence[str], lease_minutes: in
                 Tombstone.study_id == study_id, Tombstone.mode.in_(modes)
             )
         )
+        declined = session.scalar(
+            select(func.sum(DeclinedCount.number)).where(DeclinedCount.study_id == study_id)
+        )
         faults = session.execute(
             select(func.sum(FaultCount.number), func.max(FaultCount.last_at)).where(
                 FaultCount.study_id == study_id
             )
         ).one()
-    return hashlib.sha256(repr((status, sessions, deleted, faults)).encode()).hexdigest()[:16]
+    return hashlib.sha256(repr((status, sessions, deleted, declined, faults)).encode()).hexdigest()[
+        :16
+    ]

@@ -16,23 +16,30 @@ import os
 # one_thread.py.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+from app.pbbo.box import Box
+from app.pbbo.box_optimizer import BoxOptimizer, BoxQuery
+from app.pbbo.engine import ENGINE_VERSION
 from app.pbbo.errors import (
+    BoxError,
     CandidatesError,
+    ConstraintError,
     FitError,
     HistoryError,
     NoPosteriorError,
     PbboError,
+    PointError,
     QueryNotAskedError,
     ScoreError,
     SeedError,
     SettingsError,
     SkipNotOfferedError,
     SkipReasonError,
+    SurenessError,
     UnknownMethodError,
     UnknownResponseError,
 )
 from app.pbbo.methods import METHODS, allows_skip, has_posterior
-from app.pbbo.optimizer import ENGINE_VERSION, PreferenceOptimizer
+from app.pbbo.optimizer import PreferenceOptimizer
 from app.pbbo.preferences import RESPONSES, SKIP_REASONS, Preference, Query, Response, SkipReason
 from app.pbbo.score_optimizer import SCORE_METHODS, SCORE_PRESETS, ScoreOptimizer
 from app.pbbo.settings import PRESETS, ScoreSettings, Settings
@@ -45,11 +52,17 @@ __all__ = [
     "SCORE_METHODS",
     "SCORE_PRESETS",
     "SKIP_REASONS",
+    "Box",
+    "BoxError",
+    "BoxOptimizer",
+    "BoxQuery",
     "CandidatesError",
+    "ConstraintError",
     "FitError",
     "HistoryError",
     "NoPosteriorError",
     "PbboError",
+    "PointError",
     "Preference",
     "PreferenceOptimizer",
     "Query",
@@ -64,6 +77,7 @@ __all__ = [
     "SkipNotOfferedError",
     "SkipReason",
     "SkipReasonError",
+    "SurenessError",
     "UnknownMethodError",
     "UnknownResponseError",
     "allows_skip",

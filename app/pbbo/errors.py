@@ -45,6 +45,22 @@ class SkipReasonError(PbboError):
     """A reason is unknown, came without a skip, or the method does not learn from it."""
 
 
+class SurenessError(PbboError):
+    """A share or probability is not a number in its range."""
+
+
+class BoxError(PbboError):
+    """A box has no inside, or a parameter of it is not described as it should be."""
+
+
+class ConstraintError(BoxError):
+    """A constraint is not linear, names an unknown parameter, or excludes everything."""
+
+
+class PointError(PbboError):
+    """A point does not lie in the box, or none would be left to propose."""
+
+
 class ScoreError(PbboError):
     """A score told to a `ScoreOptimizer` is not a finite number, or not for what was asked."""
 

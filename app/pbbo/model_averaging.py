@@ -46,16 +46,20 @@ class Average:
     threshold: tuple[float, float]
     tie_width: tuple[float, float]
 
-    def draw(self, rng: np.random.Generator, count: int, rows: IndexArray) -> FloatArray:
-        """Functions from the mixture at these candidates; (rows, count)."""
-        shares = rng.multinomial(count, self.weights)
-        drawn = []
-        for part, share in zip(self.parts, shares, strict=True):
-            if share:
-                root = root_of(part.covariance(rows))
-                noise = rng.standard_normal((int(share), len(rows))).T
-                drawn.append(part.mean[rows][:, None] + root @ noise)
-        return np.hstack(drawn)
+
+def joint_draws(
+    belief: Posterior | Average, rng: np.random.Generator, count: int, rows: IndexArray
+) -> FloatArray:
+    """Functions from a posterior or a mixture at these candidates; (rows, count)."""
+    parts = belief.parts if isinstance(belief, Average) else (belief,)
+    weights = belief.weights if isinstance(belief, Average) else np.ones(1)
+    drawn = []
+    for part, share in zip(parts, rng.multinomial(count, weights), strict=True):
+        if share:
+            root = root_of(part.covariance(rows))
+            noise = rng.standard_normal((int(share), len(rows))).T
+            drawn.append(part.mean[rows][:, None] + root @ noise)
+    return np.hstack(drawn)
 
 
 def root_of(covariance: FloatArray) -> FloatArray:

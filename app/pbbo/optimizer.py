@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from app.pbbo.acquisition import random_pair, thompson_pair
+from app.pbbo.box import Box
+from app.pbbo.box_optimizer import BoxOptimizer
 from app.pbbo.candidates import Candidates, FloatArray
 from app.pbbo.errors import (
     FitError,
@@ -33,6 +35,7 @@ from app.pbbo.preferences import (
     SkipReason,
     TrialType,
     checked_response,
+    checked_share,
 )
 from app.pbbo.randomness import Purpose, checked_seed, generator
 from app.pbbo.settings import Settings
@@ -41,9 +44,7 @@ from app.pbbo.synthesis import Learned
 if TYPE_CHECKING:
     from app.pbbo.model import AnyPrior, Posterior
     from app.pbbo.model_averaging import Average
-
-# Part of every recorded query. Raise it whenever the same history and seed may give another query.
-ENGINE_VERSION = "2"
+    from app.pbbo.sureness import Landscapes
 
 # Means this close, in prior standard deviations, differ by rounding alone.
 TIE = 1e-9
@@ -52,8 +53,17 @@ TIE = 1e-9
 class PreferenceOptimizer:
     """Finds the candidate an evaluator likes best from choices between two.
 
-    candidates: (n, d), finite, at least two different rows.
+    candidates: (n, d), finite, at least two different rows. For a `Box` in its place the result is
+    a `BoxOptimizer`, which takes the same arguments.
     """
+
+    def __new__(cls, candidates: Any, *args: Any, **kwargs: Any) -> Any:
+        """A `BoxOptimizer` where candidates are a box."""
+        return (
+            BoxOptimizer(candidates, *args, **kwargs)
+            if isinstance(candidates, Box)
+            else super().__new__(cls)
+        )
 
     def __init__(
         self,
@@ -92,7 +102,7 @@ class PreferenceOptimizer:
         An entry may have the reason of a skip as a fourth part. The queries are taken as stored,
         whether or not this version would have asked them.
         """
-        optimizer = cls(candidates, method, seed, settings)
+        optimizer: Self = cls(candidates, method, seed, settings)
         for place, entry in enumerate(history):
             optimizer._record(*optimizer._checked_entry(place, entry))
         return optimizer
@@ -151,6 +161,29 @@ class PreferenceOptimizer:
         with one_thread():
             belief = self._believe()
         return belief.mean.copy(), belief.std.copy()
+
+    def sureness(self, within: float) -> float:
+        """Probability that no candidate is better than `best()` by more than `within`.
+
+        within: as a share, from 0 to 1, of the range of f over the candidates. Errors as for
+        `posterior`, and `SurenessError`.
+        """
+        share = checked_share("within", within)
+        return self._landscapes().sureness(self.best(), share)
+
+    def may_be_best(self, probability: float = 0.95) -> tuple[int, ...]:
+        """The fewest candidates that hold the best one with this probability, likeliest first."""
+        return self._landscapes().may_be_best(checked_share("probability", probability))
+
+    def _landscapes(self) -> "Landscapes":
+        """Functions drawn from the belief; the same for the same history and seed."""
+        from app.pbbo.sureness import Landscapes  # noqa: PLC0415
+
+        if not self._method.model:
+            raise NoPosteriorError(f"sureness: {self._method_name} keeps no model of the answers")
+        with one_thread():
+            rng = generator(self._seed, Purpose.SURENESS, self._told)
+            return Landscapes(self._believe(), len(self._candidates), self.best(), rng)
 
     @property
     def preferences(self) -> tuple[Preference, ...]:

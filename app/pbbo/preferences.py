@@ -4,9 +4,10 @@ Candidates are named by their row in the candidates array throughout.
 """
 
 from dataclasses import dataclass
+from numbers import Real
 from typing import Final, Literal, get_args
 
-from app.pbbo.errors import SkipReasonError, UnknownResponseError
+from app.pbbo.errors import SkipReasonError, SurenessError, UnknownResponseError
 
 Response = Literal["left", "right", "skip"]
 RESPONSES: Final[tuple[Response, ...]] = get_args(Response)
@@ -32,6 +33,15 @@ def checked_reason(reason: object) -> SkipReason:
         if reason == known:
             return known
     raise SkipReasonError(f"reason: expected {' or '.join(SKIP_REASONS)} or none, got {reason!r}")
+
+
+def checked_share(name: str, value: object) -> float:
+    """A number from 0 to 1, or `SurenessError`."""
+    number = isinstance(value, Real) and not isinstance(value, bool)
+    share = float(value) if isinstance(value, Real) and number else -1.0
+    if not 0.0 <= share <= 1.0:
+        raise SurenessError(f"{name}: expected a number from 0 to 1, got {value!r}")
+    return share
 
 
 @dataclass(frozen=True)

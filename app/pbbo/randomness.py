@@ -27,6 +27,9 @@ class Purpose(IntEnum):
     KNOCKOUT = 6
     SCORE = 7
     COVERING = 8
+    DESIGN = 9
+    REFINING = 10
+    SURENESS = 11
 
 
 def checked_seed(seed: object) -> int:

@@ -95,7 +95,11 @@ def test_sampled_functions_have_the_posterior_s_mean_and_covariance(preferences:
     spread = (
         posterior.reach @ np.linalg.inv(posterior.q.root.T) if preferences else np.zeros((15, 1))
     )
-    expected = posterior.prior.covariance - posterior.reach @ posterior.reach.T + spread @ spread.T
+    expected = (
+        posterior.prior.block(np.arange(15))
+        - posterior.reach @ posterior.reach.T
+        + spread @ spread.T
+    )
     assert draws.mean(axis=1) == pytest.approx(posterior.mean, abs=0.03)
     assert draws.std(axis=1) == pytest.approx(posterior.std, abs=0.02)
     assert np.cov(draws) == pytest.approx(expected, abs=0.03)

@@ -6,7 +6,7 @@ import pytest
 from app.pbbo import PreferenceOptimizer, Settings, SettingsError, SkipReasonError
 from app.pbbo.candidates import Candidates, FloatArray
 from app.pbbo.comparisons import Comparison
-from app.pbbo.model_averaging import Average, average_over
+from app.pbbo.model_averaging import Average, average_over, joint_draws
 from app.pbbo.preferences import Response
 from app.pbbo.synthesis import Learned
 from app.pbbo.threshold import with_threshold
@@ -124,7 +124,7 @@ def test_the_mixture_weighs_the_length_scales_by_their_evidence() -> None:
 def test_functions_drawn_from_the_mixture_have_its_mean_and_spread() -> None:
     after = belief([(0, 100, "left"), (30, 100, "right"), (7, 8, "skip"), (9, 5, "left")])
 
-    drawn = after.draw(np.random.default_rng(0), 4000, np.arange(len(TRIANGLE)))
+    drawn = joint_draws(after, np.random.default_rng(0), 4000, np.arange(len(TRIANGLE)))
 
     assert drawn.shape == (len(TRIANGLE), 4000)
     np.testing.assert_allclose(drawn.mean(axis=1), after.mean, atol=0.08)

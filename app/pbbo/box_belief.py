@@ -1,0 +1,112 @@
+"""What the answers say about a box: the fits to the points shown, asked about any others."""
+
+from typing import Final
+
+import numpy as np
+
+from app.pbbo import box_design
+from app.pbbo.box import Box
+from app.pbbo.candidates import FloatArray
+from app.pbbo.model_averaging import Average, fitted_parts, predicted
+from app.pbbo.posterior_maximum import MeanFunction, ascend
+from app.pbbo.settings import Settings
+from app.pbbo.synthesis import Learned
+
+#: Points around which the design is refined: so many of the best by mean, and by upper bound.
+REFINED: Final = 3
+#: Deviations above the mean of that upper bound.
+UPPER: Final = 2.0
+#: Starts of the search for the maximum of the mean.
+STARTS: Final = 12
+
+
+class BoxBelief:
+    """The mixture of fits at all length scales.
+
+    whole: (n, d), points over the whole box.  shown: (p, d), points that answers name by row.
+    excluded: (e, d), points learned to lie below the threshold.
+    """
+
+    def __init__(
+        self,
+        box: Box,
+        whole: FloatArray,
+        shown: FloatArray,
+        excluded: FloatArray,
+        learned: Learned,
+        settings: Settings,
+    ) -> None:
+        self._box, self._whole, self._settings = box, whole, settings
+        self._shown, self._excluded = shown, excluded
+        rows = {key: row for row, key in enumerate(box.keys(shown))}
+        unshown = [key not in rows for key in box.keys(excluded)]
+        self._fitted_to = np.vstack([shown, excluded[unshown]])
+        for key in box.keys(excluded):
+            rows.setdefault(key, len(rows))
+        below = sorted(rows[key] for key in box.keys(excluded))
+        self._parts = fitted_parts(
+            box.kernel_coordinates(self._fitted_to),
+            learned.preferences,
+            learned.skips,
+            settings,
+            tuple(below),
+        )
+
+    def over(self, points: FloatArray) -> Average:
+        """The belief over points (n, d) of which the first are those it was fitted to."""
+        return predicted(self._box.kernel_coordinates(points), self._parts, self._settings)
+
+    def at(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Mean and standard deviation at points (k, d); (k,) each."""
+        average = self.over(np.vstack([self._fitted_to, points]))
+        first = len(self._fitted_to)
+        return average.mean[first:].copy(), average.std[first:].copy()
+
+    def design(self, rng: np.random.Generator) -> FloatArray:
+        """The points fitted to, then those over the whole box and around what is good; (n, d)."""
+        points = np.vstack([self._fitted_to, self._whole])
+        if self._box.grid is None:
+            average = self.over(points)
+            by_mean = np.argsort(-average.mean, kind="stable")[:REFINED]
+            bound = average.mean + UPPER * average.std
+            by_bound = np.argsort(-bound, kind="stable")[:REFINED]
+            centres = points[np.unique(np.append(by_mean, by_bound))]
+            points = np.vstack([points, box_design.around(self._box, centres, rng)])
+        return self._without_repeats(points)
+
+    def maximum(self) -> FloatArray:
+        """The point with the largest mean; (d,)."""
+        points = self._without_repeats(np.vstack([self._fitted_to, self._whole]))
+        average = self.over(points)
+        barred = set(self._box.keys(self._excluded))
+        keys = self._box.keys(points)
+        order = [row for row in np.argsort(-average.mean, kind="stable") if keys[row] not in barred]
+        if self._box.grid is not None:
+            return np.array(points[order[0]])
+        starts = points[order[:STARTS]]
+        function = MeanFunction(
+            self._box.kernel_coordinates(self._fitted_to),
+            self._parts,
+            average.weights,
+            self._settings.signal_variance,
+        )
+        found = [
+            point
+            for point in ascend(self._box, function, starts)
+            if self._box.key(point) not in barred
+        ]
+        tried = np.vstack([starts, *found])
+        mean, _ = function(self._box.kernel_coordinates(tried))
+        return np.array(tried[int(np.argmax(mean))])
+
+    def _without_repeats(self, points: FloatArray) -> FloatArray:
+        """The points fitted to as they are, then the others that are not among those before."""
+        first = len(self._fitted_to)
+        keys = self._box.keys(points)
+        known = set(keys[:first])
+        kept = []
+        for row, key in enumerate(keys[first:], start=first):
+            if key not in known:
+                known.add(key)
+                kept.append(row)
+        return np.vstack([points[:first], points[kept]])

@@ -1,0 +1,366 @@
+"""Ask and tell where candidates are not a list but a box (`Box`): the same method and belief.
+
+A proposal is a pure function of (box, settings, new, history, excluded points, seed, index). What
+the finite optimiser does over all candidates is done here over a design (`box_design`) that is made
+afresh for each query from the seed and the belief. The belief itself knows the points shown alone.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final, Self
+
+import numpy as np
+
+from app.pbbo import box_design
+from app.pbbo.box import Box, Key
+from app.pbbo.candidates import FloatArray, IndexArray
+from app.pbbo.errors import (
+    BoxError,
+    FitError,
+    HistoryError,
+    PbboError,
+    PointError,
+    QueryNotAskedError,
+    SettingsError,
+    UnknownMethodError,
+)
+from app.pbbo.methods import method_named
+from app.pbbo.one_thread import one_thread
+from app.pbbo.preferences import Response, SkipReason, TrialType, checked_response, checked_share
+from app.pbbo.randomness import Purpose, checked_seed, generator
+from app.pbbo.settings import Settings
+from app.pbbo.synthesis import Learned
+
+if TYPE_CHECKING:
+    from app.pbbo.box_belief import BoxBelief
+
+#: The one method that knows boxes: the paper's draw functions over all candidates.
+BOX_METHOD: Final = "pbpo-threshold"
+HistoryEntry = tuple[Any, Any, str] | tuple[Any, Any, str, str | None]
+
+
+@dataclass(frozen=True, eq=False)
+class BoxQuery:
+    """Two points to compare; the rest as in `Query`. left, right: (d,), in the box's units."""
+
+    index: int
+    left: FloatArray
+    right: FloatArray
+    trial_type: TrialType
+    acquisition: str
+    seed: int
+
+    def __eq__(self, other: object) -> bool:
+        return (
+            isinstance(other, BoxQuery)
+            and (self.index, self.seed) == (other.index, other.seed)
+            and np.array_equal(self.left, other.left)
+            and np.array_equal(self.right, other.right)
+        )
+
+    def __hash__(self) -> int:
+        return hash((self.index, self.seed, self.left.tobytes(), self.right.tobytes()))
+
+
+class BoxOptimizer:
+    """Finds the point of a box that an evaluator likes best from choices between two.
+
+    new: how many points of a query may be ones that were not shown before, 1 or 2. (The first query
+    has two new ones in any case, and so has one when all points shown so far were excluded.)
+    """
+
+    def __init__(
+        self,
+        space: Box,
+        method: str = BOX_METHOD,
+        seed: int = 0,
+        settings: Settings | None = None,
+        *,
+        new: int = 2,
+    ) -> None:
+        if not isinstance(space, Box):
+            raise BoxError(f"space: expected a Box, got {space!r}")
+        self._method = method_named(method)
+        if method != BOX_METHOD:
+            raise UnknownMethodError(f"method: expected {BOX_METHOD} in a box, got {method!r}")
+        if isinstance(new, bool) or new not in (1, 2):
+            raise SettingsError(f"new: expected 1 or 2, got {new!r}")
+        self._box = space
+        self._new = new
+        self._seed = checked_seed(seed)
+        self._settings = Settings() if settings is None else settings
+        if not isinstance(self._settings, Settings):
+            raise SettingsError(f"settings: expected a Settings value, got {settings!r}")
+        self._learned = Learned(seed=self._seed, synthesise=False)
+        self._told = 0
+        self._shown: list[FloatArray] = []
+        self._rows: dict[Key, int] = {}
+        self._excluded: dict[Key, FloatArray] = {}
+        self._last: frozenset[int] = frozenset()
+        self._pending: BoxQuery | None = None
+        self._belief: BoxBelief | FitError | None = None
+        self._whole: FloatArray | None = None
+
+    @classmethod
+    def replay(
+        cls,
+        space: Box,
+        history: Iterable[HistoryEntry],
+        *,
+        method: str = BOX_METHOD,
+        seed: int = 0,
+        settings: Settings | None = None,
+        new: int = 2,
+        excluded: Iterable[Any] = (),
+    ) -> Self:
+        """The optimiser after exactly these (left, right, response), oldest first.
+
+        An entry may have the reason of a skip as a fourth part.  excluded: points that were
+        excluded meanwhile, in any order.
+        """
+        optimizer = cls(space, method, seed, settings, new=new)
+        for place, entry in enumerate(history):
+            optimizer._record(*optimizer._checked_entry(place, entry))
+        for point in excluded:
+            optimizer.exclude(point)
+        return optimizer
+
+    def ask(self) -> BoxQuery:
+        """The query that waits for a response; the same one until `tell` or `exclude`."""
+        if self._pending is None:
+            with one_thread():
+                self._pending = self._propose()
+        return self._pending
+
+    def tell(self, query: BoxQuery, response: str, reason: str | None = None) -> None:
+        """Take the response to the query that `ask` gave; reason: that of a skip."""
+        if self._pending is None or query != self._pending:
+            waiting = "none, ask() comes first" if self._pending is None else repr(self._pending)
+            raise QueryNotAskedError(
+                f"tell: expected the query that waits ({waiting}), got {query!r}"
+            )
+        understood = self._method.understood(checked_response(response), reason)
+        self._record(query.left, query.right, *understood)
+
+    def exclude(self, point: Any) -> None:
+        """Never propose this point again, and learn that it lies below what is acceptable.
+
+        A query that waits for a response is proposed anew if the point is in it. `PointError` if
+        the point is not in the box, or no two points would be left.
+        """
+        checked = self._box.checked_point(point)
+        key = self._box.key(checked)
+        grid = self._box.grid
+        if grid is not None:
+            left = {self._box.key(one) for one in grid} - {*self._excluded, key}
+            if len(left) < 2:
+                raise PointError(
+                    "exclude: expected two points at least that may still be proposed, "
+                    f"got {len(left)} of {len(grid)}"
+                )
+        self._excluded[key] = checked
+        self._belief = None
+        waiting = self._pending
+        if waiting is not None and key in (
+            self._box.key(waiting.left),
+            self._box.key(waiting.right),
+        ):
+            self._pending = None
+
+    def best(self) -> FloatArray:
+        """The point with the largest posterior mean over the box; (d,).
+
+        Found by gradient ascent from many starts, and never below the best point shown by mean.
+        While nothing has been learned, a point drawn from the seed. No excluded point.
+        """
+        if not self._learned.preferences and not self._learned.skips and not self._excluded:
+            return self._uninformed()
+        with one_thread():
+            try:
+                belief = self._believe()
+            except FitError:
+                return self._shown[-1] if self._shown else self._uninformed()
+            return belief.maximum()
+
+    def posterior(self, points: Any) -> tuple[FloatArray, FloatArray]:
+        """Mean and standard deviation of the latent function at these points (k, d); (k,) each.
+
+        `FitError` where the model cannot be fitted, `PointError` for points outside the box.
+        """
+        rows = [self._box.checked_point(point) for point in points]
+        if not rows:
+            raise PointError("points: expected one at least, got none")
+        with one_thread():
+            return self._believe().at(np.array(rows))
+
+    def sureness(self, within: float) -> float:
+        """Probability that no point of the box is better than `best()` by more than `within`.
+
+        within: as a share, from 0 to 1, of the range of f over the box. Functions are drawn at
+        the points that the next query looks at.
+        """
+        from app.pbbo.sureness import Landscapes  # noqa: PLC0415
+
+        share = checked_share("within", within)
+        with one_thread():
+            belief = self._believe()
+            points = belief.design(generator(self._seed, Purpose.REFINING, self._told))
+            points = np.vstack([points, self.best()])
+            rng = generator(self._seed, Purpose.SURENESS, self._told)
+            best = len(points) - 1
+            return Landscapes(belief.over(points), len(points), best, rng).sureness(best, share)
+
+    @property
+    def shown(self) -> FloatArray:
+        """The different points that were in a query answered so far, in order; (p, d)."""
+        return np.array(self._shown).reshape(-1, self._box.dimensions)
+
+    @property
+    def responses(self) -> int:
+        """How many responses were taken, skips included: the index of the next query."""
+        return self._told
+
+    @property
+    def settings(self) -> Settings:
+        """The settings in force."""
+        return self._settings
+
+    def _record(
+        self, left: FloatArray, right: FloatArray, response: Response, reason: SkipReason | None
+    ) -> None:
+        meant = self._settings.threshold_skip_means if reason is None else reason
+        one, other = self._row(left), self._row(right)
+        self._learned.record(self._told, one, other, response, meant)
+        self._told += 1
+        self._last = frozenset((one, other))
+        self._pending = None
+        self._belief = None
+
+    def _row(self, point: FloatArray) -> int:
+        """The number of a shown point, a new one if it was not shown before."""
+        key = self._box.key(point)
+        if key not in self._rows:
+            self._rows[key] = len(self._shown)
+            self._shown.append(point)
+        return self._rows[key]
+
+    def _checked_entry(
+        self, place: int, entry: object
+    ) -> tuple[FloatArray, FloatArray, Response, SkipReason | None]:
+        if not isinstance(entry, (tuple, list)) or len(entry) not in (3, 4):
+            raise HistoryError(
+                f"history[{place}]: expected (left, right, response), or with a reason behind, "
+                f"got {entry!r}"
+            )
+        try:
+            left, right = (self._box.checked_point(point) for point in entry[:2])
+            reason = entry[3] if len(entry) == 4 else None
+            checked = self._method.understood(checked_response(entry[2]), reason)
+        except PbboError as error:
+            raise type(error)(f"history[{place}]: {error}") from error
+        if self._box.key(left) == self._box.key(right):
+            raise HistoryError(
+                f"history[{place}]: expected two different points, got {left.tolist()} twice"
+            )
+        return left, right, *checked
+
+    def _propose(self) -> BoxQuery:
+        index = self._told
+        trial_type, acquisition, pair = self._choose(index)
+        if generator(self._seed, Purpose.SIDES, index).integers(2):
+            pair = pair[::-1]
+        for point in pair:
+            point.setflags(write=False)
+        return BoxQuery(index, pair[0], pair[1], trial_type, acquisition, self._seed)
+
+    def _choose(self, index: int) -> tuple[TrialType, str, tuple[FloatArray, FloatArray]]:
+        known = self._may_be_shown_again()
+        first_phase = self._settings.threshold_covering or self._settings.random_queries
+        if index < first_phase:
+            return "random", "covering", self._first_pair(index, known)
+        try:
+            return "model", "best-option", self._model_pair(index, known)
+        except FitError:
+            return "random", "random-fallback", self._first_pair(index, known)
+
+    def _may_be_shown_again(self) -> list[int]:
+        """The rows of shown points that were not excluded."""
+        return [row for key, row in self._rows.items() if key not in self._excluded]
+
+    def _first_pair(self, index: int, known: list[int]) -> tuple[FloatArray, FloatArray]:
+        """Quasi-random points, two for each query; with `new` 1 one, against the last choice."""
+        points = box_design.first_points(self._box, generator(self._seed, Purpose.COVERING, 0))
+        unseen = [
+            point
+            for point, key in zip(points, self._box.keys(points), strict=True)
+            if key not in self._rows and key not in self._excluded
+        ]
+        if self._new == 1 and known and unseen:
+            choice = self._learned.last_choice
+            row = choice if choice in known else known[-1]
+            return self._shown[row], unseen[0]
+        if len(unseen) >= 2:
+            return unseen[0], unseen[1]
+        # A grid of few points: what is left, whether or not it was shown.
+        whole = self._allowed_points()
+        order = generator(self._seed, Purpose.RANDOM_PAIR, index).permutation(len(whole))
+        return whole[order[0]], whole[order[1]]
+
+    def _model_pair(self, index: int, known: list[int]) -> tuple[FloatArray, FloatArray]:
+        # Loaded when a model is fitted: SciPy takes long to import.
+        from app.pbbo.eubo import eubo_pair  # noqa: PLC0415
+
+        belief = self._believe()
+        points = belief.design(generator(self._seed, Purpose.REFINING, index))
+        average = belief.over(points)
+        boldness = self._settings.threshold_boldness
+        again = np.array(known, dtype=np.intp)
+        pair = eubo_pair(
+            average,
+            boldness[index % len(boldness)],
+            self._last,
+            known=again if self._new == 1 and len(again) else None,
+            barred=self._excluded_rows(points),
+        )
+        return points[pair[0]], points[pair[1]]
+
+    def _excluded_rows(self, points: FloatArray) -> IndexArray:
+        keys = self._box.keys(points)
+        rows = [row for row, key in enumerate(keys) if key in self._excluded]
+        return np.array(rows, dtype=np.intp)
+
+    def _points_of_whole(self) -> FloatArray:
+        if self._whole is None:
+            self._whole = box_design.whole(self._box, generator(self._seed, Purpose.DESIGN, 0))
+        return self._whole
+
+    def _allowed_points(self) -> FloatArray:
+        """Points over the whole box that were not excluded; (n, d)."""
+        whole = self._points_of_whole()
+        allowed = [key not in self._excluded for key in self._box.keys(whole)]
+        return whole[allowed]
+
+    def _uninformed(self) -> FloatArray:
+        rng = generator(self._seed, Purpose.UNINFORMED, 0)
+        whole = self._allowed_points()
+        return np.array(whole[int(rng.integers(len(whole)))])
+
+    def _believe(self) -> "BoxBelief":
+        if self._belief is None:
+            from app.pbbo.box_belief import BoxBelief  # noqa: PLC0415
+
+            excluded = [self._excluded[key] for key in sorted(self._excluded)]
+            try:
+                self._belief = BoxBelief(
+                    self._box,
+                    self._points_of_whole(),
+                    self.shown,
+                    np.array(excluded).reshape(-1, self._box.dimensions),
+                    self._learned,
+                    self._settings,
+                )
+            except FitError as error:
+                self._belief = error
+        if isinstance(self._belief, FitError):
+            raise self._belief
+        return self._belief

@@ -1,0 +1,8 @@
+"""The version of the optimiser, part of every recorded query.
+
+Raise it whenever the same history and seed may give another query.
+"""
+
+from typing import Final
+
+ENGINE_VERSION: Final = "2"

@@ -125,7 +125,7 @@ def _read(session: Session, row: SessionRow, query: QueryRow, answer: Answer) ->
 
 def _step(studio: Studio, asked: _Asked) -> Step:
     """The precomputed step, or one computed now."""
-    step = studio.proposer.known(asked.trial, asked.history)
+    step = studio.proposer.cached_step(asked.trial, asked.history)
     studio.measurements.step_asked(ahead=step is not None)
     return step or studio.proposer.step(asked.trial, asked.history)
 

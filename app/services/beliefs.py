@@ -1,54 +1,56 @@
-"""What a trial's model believes after some answers: worked out from them when somebody looks."""
+"""LRU cache of posteriors over the candidates, computed when a page asks for one. Thread-safe."""
 
 from __future__ import annotations
 
 import threading
-from collections import OrderedDict
 from collections.abc import Mapping
 from typing import Any, Final
 
 import numpy as np
+from cachetools import LRUCache
 from numpy.typing import NDArray
 
 from app.pbbo import FitError, PreferenceOptimizer, has_posterior
 from app.pbbo import Settings as OptimizerSettings
 
+from .foreseen import MAX_PURGED
 from .thoughts import History
 
-#: Beliefs kept: those of a page of trials, for each of some readers. Some kilobytes each.
-KEPT: Final = 128
+#: Cached posteriors: those of a page of trials, for each of some readers. Some kilobytes each.
+MAX_POSTERIORS: Final = 128
 
-#: Posterior mean and deviation, each (n,).
-Belief = tuple[NDArray[np.float64], NDArray[np.float64]]
+#: Posterior mean and standard deviation, each (n,).
+Posterior = tuple[NDArray[np.float64], NDArray[np.float64]]
 
 
-class Beliefs:
-    """Works beliefs out and keeps the last ones, by the trial's seed and what was answered."""
+class PosteriorCache:
+    """The posterior after each history that was asked for last, by the trial's seed."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
-        self._kept: OrderedDict[tuple[int, History], Belief | None] = OrderedDict()
-        self._forgotten: set[int] = set()
+        self._posteriors: LRUCache[tuple[int, History], Posterior | None] = LRUCache(MAX_POSTERIORS)
+        # A fit that is under way must not put a deleted trial back.
+        self._purged: LRUCache[int, None] = LRUCache(MAX_PURGED)
 
-    def after(
+    def posterior(
         self,
         candidates: NDArray[np.float64],
         method: str,
         settings: Mapping[str, Any],
         seed: int,
         history: History,
-    ) -> Belief | None:
-        """The posterior over the candidates, (n, d); None where no model is, or none can be fit.
+    ) -> Posterior | None:
+        """Posterior mean and standard deviation over the candidates, each (n,).
 
-        A fit takes up to some tenths of a second: not for the event loop.
+        candidates: (n, d). None where the method has no model, or none can be fitted. A fit takes
+        up to some tenths of a second, so this does not belong on the event loop.
         """
         if not has_posterior(method) or not history:
             return None
         key = (seed, history)
         with self._lock:
-            if key in self._kept:
-                self._kept.move_to_end(key)
-                return self._kept[key]
+            if key in self._posteriors:
+                return self._posteriors[key]
         optimizer = PreferenceOptimizer.replay(
             candidates,
             history,
@@ -57,29 +59,27 @@ class Beliefs:
             settings=OptimizerSettings.from_mapping(settings),
         )
         try:
-            belief: Belief | None = optimizer.posterior()
+            posterior: Posterior | None = optimizer.posterior()
         except FitError:
-            belief = None
+            posterior = None
         with self._lock:
-            if seed not in self._forgotten:
-                self._kept[key] = belief
-            while len(self._kept) > KEPT:
-                self._kept.popitem(last=False)
-        return belief
+            if seed not in self._purged:
+                self._posteriors[key] = posterior
+        return posterior
 
-    def forget(self, seeds: frozenset[int]) -> None:
-        """Forget the trials of these seeds: their histories were deleted."""
+    def seeds(self) -> frozenset[int]:
+        """The seeds of all trials with a cached posterior."""
         with self._lock:
-            self._forgotten |= seeds
-        self.drop(seeds)
+            return frozenset(seed for seed, _ in self._posteriors)
 
-    def remembered(self) -> frozenset[int]:
-        """The seeds of all trials that a belief is kept of."""
+    def evict(self, seeds: frozenset[int]) -> None:
+        """Drop the posteriors of these trials; they may be cached again."""
         with self._lock:
-            return frozenset(seed for seed, _ in self._kept)
+            for key in [key for key in self._posteriors if key[0] in seeds]:
+                del self._posteriors[key]
 
-    def drop(self, seeds: frozenset[int]) -> None:
-        """Throw away what is kept of these trials; what is asked for is worked out again."""
+    def purge(self, seeds: frozenset[int]) -> None:
+        """Drop the posteriors of these deleted trials, and refuse further ones."""
         with self._lock:
-            for key in [key for key in self._kept if key[0] in seeds]:
-                del self._kept[key]
+            self._purged.update(dict.fromkeys(seeds))
+        self.evict(seeds)

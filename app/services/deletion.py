@@ -71,7 +71,7 @@ def delete_session(
 
 def forget(studio: Studio, seeds: frozenset[int]) -> None:
     """Leave no trace in memory, nor in what the database still has on the disk."""
-    studio.proposer.forget(seeds)
+    studio.proposer.purge(seeds)
     studio.recordings.forget_shown()
     studio.database.scrub()
 

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import logging
+from threading import Lock
 from typing import Any
+
+from cachetools import LRUCache
 
 from app.study.plan import Plan
 from app.study.protocol import Stage
@@ -16,11 +19,13 @@ from .studio import Studio
 log = logging.getLogger(__name__)
 
 #: Each study's plan as it was last seen: the way back is known even if the database is not there.
-_LAST_SEEN: dict[str, Plan] = {}
+_last_plans: LRUCache[str, Plan] = LRUCache(studies.MAX_PLANS)
+_lock = Lock()
 
 
 def remember(slug: str, plan: Plan) -> None:
-    _LAST_SEEN[slug] = plan
+    with _lock:
+        _last_plans[slug] = plan
 
 
 def after_a_failure(studio: Studio, slug: str, token: str | None) -> dict[str, Any] | None:
@@ -46,5 +51,6 @@ def after_a_failure(studio: Studio, slug: str, token: str | None) -> dict[str, A
     except Exception:
         # Whatever keeps us from looking the way back up: the person gets the one we remember.
         log.exception("the way back of somebody in the study %r could not be looked up", slug)
-        known = _LAST_SEEN.get(slug)
+        with _lock:
+            known = _last_plans.get(slug)
         return recruitment.described(known, "technical") if known is not None else None

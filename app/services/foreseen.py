@@ -1,87 +1,89 @@
-"""Steps worked out ahead, by the trial's seed and history: in memory, the trials seen last.
+"""LRU cache of precomputed next steps, by the trial's seed and history. Thread-safe.
 
-Each process keeps its own. A step that another process has worked out is worked out again: some
-5 to 20 ms, where a file that processes share would have to be waited for.
+Each process has its own. A step that another process has computed is computed again: some 5 to
+20 ms, where a file that processes share would have to be waited for.
 """
 
 from __future__ import annotations
 
 import threading
-from collections import OrderedDict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Final, Generic, TypeVar
+
+from cachetools import LRUCache
 
 from .thoughts import History
 
 T = TypeVar("T")
 
-#: Trials that something is kept of: more than a server's evaluators at any time.
-KEPT: Final = 2_000
+#: Trials with steps in the cache: more than a server's evaluators at any time.
+MAX_TRIALS: Final = 2_000
+#: Deleted trials that are refused: far more than are deleted while one computation runs.
+MAX_PURGED: Final = 10_000
 
 
 @dataclass
 class _Trial(Generic[T]):
     answers: int = 0
-    after: dict[History, T] = field(default_factory=dict)
+    steps: dict[History, T] = field(default_factory=dict)
 
 
-class Foreseen(Generic[T]):
-    """What follows each history, by the trial's seed. Any thread may ask and tell."""
+class StepCache(Generic[T]):
+    """The step after each history of a trial, for the trials that were used last."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
-        self._trials: OrderedDict[int, _Trial[T]] = OrderedDict()
-        # Trials whose person had them deleted: work that is under way must not bring them back.
-        self._forgotten: set[int] = set()
+        self._trials: LRUCache[int, _Trial[T]] = LRUCache(MAX_TRIALS)
+        # A computation that is under way must not put a deleted trial back.
+        self._purged: LRUCache[int, None] = LRUCache(MAX_PURGED)
 
-    def after(self, seed: int, histories: Sequence[History]) -> list[T | None]:
-        """What follows each of these, as far as it is known."""
+    def get(self, seed: int, histories: Sequence[History]) -> list[T | None]:
+        """The step after each of these histories; None where it is not cached."""
         with self._lock:
             trial = self._trials.get(seed)
-            return [None if trial is None else trial.after.get(history) for history in histories]
+            return [None if trial is None else trial.steps.get(history) for history in histories]
 
-    def tell(self, seed: int, found: Mapping[History, T]) -> None:
-        """Keep what follows these, all at once."""
+    def put(self, seed: int, steps: Mapping[History, T]) -> None:
+        """Cache these steps, all at once."""
         with self._lock:
-            if seed not in self._forgotten:
-                self._trial(seed).after.update(found)
+            if seed not in self._purged:
+                self._trial(seed).steps.update(steps)
 
-    def go_on(self, seed: int, answers: int) -> None:
-        """The trial has come to so many answers: what follows fewer is not asked for again."""
+    def advance(self, seed: int, answers: int) -> None:
+        """Note that the trial has this many answers, and drop the steps after fewer."""
         with self._lock:
-            if seed not in self._forgotten:
+            if seed not in self._purged:
                 trial = self._trial(seed)
                 trial.answers = answers
-                for history in [one for one in trial.after if len(one) < answers]:
-                    del trial.after[history]
+                for history in [one for one in trial.steps if len(one) < answers]:
+                    del trial.steps[history]
 
-    def stands_at(self, seed: int) -> int | None:
-        """How many answers the trial had when it was last seen."""
+    def position(self, seed: int) -> int | None:
+        """The number of answers at the last `advance`; None if the trial is not cached."""
         with self._lock:
             trial = self._trials.get(seed)
             return None if trial is None else trial.answers
 
     def seeds(self) -> frozenset[int]:
-        """All trials that anything is kept of."""
+        """The seeds of all cached trials."""
         with self._lock:
             return frozenset(self._trials)
 
-    def drop(self, seeds: frozenset[int]) -> None:
-        """Throw away what is kept of these trials."""
+    def evict(self, seeds: frozenset[int]) -> None:
+        """Drop the steps of these trials; they may be cached again."""
         with self._lock:
             for seed in seeds:
                 self._trials.pop(seed, None)
 
-    def forget(self, seeds: frozenset[int]) -> None:
-        """The same, for good."""
+    def purge(self, seeds: frozenset[int]) -> None:
+        """Drop the steps of these deleted trials, and refuse further ones."""
         with self._lock:
-            self._forgotten |= seeds
-        self.drop(seeds)
+            self._purged.update(dict.fromkeys(seeds))
+        self.evict(seeds)
 
     def _trial(self, seed: int) -> _Trial[T]:
-        trial = self._trials.setdefault(seed, _Trial())
-        self._trials.move_to_end(seed)
-        while len(self._trials) > KEPT:
-            self._trials.popitem(last=False)
+        trial = self._trials.get(seed)
+        if trial is None:
+            trial = self._trials[seed] = _Trial()
         return trial

@@ -24,14 +24,14 @@ PERIOD_S = 60.0
 
 def forget_deleted(studio: Studio) -> int:
     """Throw away what is remembered of trials that are not kept; how many these were."""
-    remembered = studio.proposer.remembered()
+    remembered = studio.proposer.cached_seeds()
     if not remembered:
         return 0
     with studio.database.read() as session:
         kept = session.scalars(select(Trial.seed).where(Trial.seed.in_(remembered)))
         gone = remembered.difference(kept)
     # A trial that is just beginning may be among them: it loses some milliseconds, and no more.
-    studio.proposer.drop(gone)
+    studio.proposer.evict(gone)
     return len(gone)
 
 

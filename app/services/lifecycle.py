@@ -97,7 +97,7 @@ def delete(studio: Studio, slug: str, actor: str = audit.COMMAND_LINE, *, typed:
         )
         session.flush()
         left = left_videos.in_no_study(studio, session, files)
-    studio.proposer.forget(seeds)
+    studio.proposer.purge(seeds)
     studio.recordings.throw_away(left)
     studio.database.scrub()
 

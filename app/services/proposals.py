@@ -9,9 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from threading import Lock
 from typing import Any
 
 import numpy as np
+from cachetools import LRUCache
 from numpy.typing import NDArray
 from sqlalchemy import select
 
@@ -21,11 +23,13 @@ from app.storage.tables import Candidate, Recording
 from app.study.checks import Checks
 
 from .background import Background
-from .beliefs import Beliefs
-from .foreseen import Foreseen
+from .beliefs import PosteriorCache
+from .foreseen import StepCache
 from .measurements import Measurements
 from .thoughts import AcquiredCandidate, Elsewhere, History, Question, Thought, think, think_all
 
+#: Environments whose candidates are cached: a few hundred kilobytes each.
+MAX_SPACES = 64
 #: Tells the draw of recordings apart from every other use of a trial's seed.
 _RECORDING_DRAW = 101
 
@@ -122,23 +126,27 @@ class Proposer:
         self._background = background
         self._render = render
         self._measurements = measurements
-        self._spaces: dict[tuple[int, str], Space] = {}
-        self._foreseen = Foreseen[Step]()
+        self._spaces: LRUCache[tuple[int, str], Space] = LRUCache(MAX_SPACES)
+        self._lock = Lock()
+        self._steps = StepCache[Step]()
         self._elsewhere = Elsewhere()
-        #: What models believe, for those who look at a session.
-        self.beliefs = Beliefs()
+        #: For the pages that show a session's models.
+        self.posteriors = PosteriorCache()
 
     def space(self, study_id: int, environment: str) -> Space:
         """The candidates and clips of a study's environment; they never change."""
         key = (study_id, environment)
-        space = self._spaces.get(key)
+        with self._lock:
+            space = self._spaces.get(key)
         if space is None:
-            space = self._spaces[key] = _read_space(self._database, study_id, environment)
+            space = _read_space(self._database, study_id, environment)
+            with self._lock:
+                self._spaces[key] = space
         return space
 
     def step(self, trial: TrialInHand, history: History) -> Step:
         """What follows `history`: from what was worked out ahead, or worked out now."""
-        step = self.known(trial, history)
+        step = self.cached_step(trial, history)
         if step is None:
             # A fit holds everybody else here up, but nobody should wait for a process to start.
             here = not history or not self._elsewhere.is_ready
@@ -146,36 +154,36 @@ class Proposer:
             [step] = self._work_out(trial, [history], thinks)
         return step
 
-    def forget(self, seeds: frozenset[int]) -> None:
-        """Forget the trials of these seeds: their histories were deleted."""
-        self.beliefs.forget(seeds)
-        self._foreseen.forget(seeds)
+    def purge(self, seeds: frozenset[int]) -> None:
+        """Drop all that is cached of these deleted trials, and refuse further steps of them."""
+        self.posteriors.purge(seeds)
+        self._steps.purge(seeds)
 
-    def remembered(self) -> frozenset[int]:
-        """The seeds of all trials that anything is remembered of."""
-        return self.beliefs.remembered() | self._foreseen.seeds()
+    def cached_seeds(self) -> frozenset[int]:
+        """The seeds of all trials with a cached step or posterior."""
+        return self.posteriors.seeds() | self._steps.seeds()
 
-    def drop(self, seeds: frozenset[int]) -> None:
-        """Throw away what is remembered of these trials; what is asked for is worked out again."""
-        self.beliefs.drop(seeds)
-        self._foreseen.drop(seeds)
+    def evict(self, seeds: frozenset[int]) -> None:
+        """Drop all that is cached of these trials; what is asked for is computed again."""
+        self.posteriors.evict(seeds)
+        self._steps.evict(seeds)
 
-    def known(self, trial: TrialInHand, history: History) -> Step | None:
-        """What follows `history`, if it is worked out already."""
-        return self._foreseen.after(trial.seed, [history])[0]
+    def cached_step(self, trial: TrialInHand, history: History) -> Step | None:
+        """The step after `history`, if it was computed ahead."""
+        return self._steps.get(trial.seed, [history])[0]
 
-    def work_ahead(self, trial: TrialInHand, history: History, pair: tuple[int, int]) -> None:
+    def precompute(self, trial: TrialInHand, history: History, pair: tuple[int, int]) -> None:
         """Begin to work out what follows each possible response to the open query `pair`."""
-        self._foreseen.go_on(trial.seed, len(history))
+        self._steps.advance(trial.seed, len(history))
         self._background.in_thread(
-            ("ahead", trial.seed, len(history), pair), self._work_ahead, trial, history, pair
+            ("ahead", trial.seed, len(history), pair), self._precompute, trial, history, pair
         )
 
-    def upcoming(
+    def possible_queries(
         self, trial: TrialInHand, history: History, pair: tuple[int, int]
     ) -> list[NextQuery]:
         """The next queries, the likeliest first: all, or none as long as they are worked out."""
-        steps = self._foreseen.after(trial.seed, self._futures(trial, history, pair))
+        steps = self._steps.get(trial.seed, self._futures(trial, history, pair))
         if None in steps:
             # Of a response that was taken back, say: whoever has some asks for no more.
             return []
@@ -193,19 +201,19 @@ class Proposer:
         self, trial: TrialInHand, history: History, pair: tuple[int, int]
     ) -> list[History]:
         """What the history may be after the open query, the likeliest first."""
-        step = self.known(trial, history)
+        step = self.cached_step(trial, history)
         likelier = step.next.likelier if step is not None and step.next is not None else "left"
         responses = ["left", "right"] if likelier == "left" else ["right", "left"]
         if allows_skip(trial.method):
             responses.append("skip")
         return [(*history, (*pair, response)) for response in responses]
 
-    def _work_ahead(self, trial: TrialInHand, history: History, pair: tuple[int, int]) -> None:
-        if self._foreseen.stands_at(trial.seed) != len(history):
+    def _precompute(self, trial: TrialInHand, history: History, pair: tuple[int, int]) -> None:
+        if self._steps.position(trial.seed) != len(history):
             # It was answered meanwhile: on a busy machine that time is somebody else's.
             return
         futures = self._futures(trial, history, pair)
-        known = self._foreseen.after(trial.seed, futures)
+        known = self._steps.get(trial.seed, futures)
         missing = [after for after, step in zip(futures, known, strict=True) if step is None]
         if missing:
             for step in self._work_out(trial, missing, self._elsewhere.think):
@@ -223,7 +231,7 @@ class Proposer:
         with self._measurements.fitting(len(histories)):
             thoughts = thinks([_question(space, trial, history) for history in histories])
         steps = [_step(space, trial, thought) for thought in thoughts]
-        self._foreseen.tell(trial.seed, dict(zip(histories, steps, strict=True)))
+        self._steps.put(trial.seed, dict(zip(histories, steps, strict=True)))
         return steps
 
 

@@ -100,9 +100,9 @@ def _coming(studio: Studio, row: SessionRow, trial: Standing) -> list[NextQuery]
     pair = (query.left, query.right)
     coming = []
     if teaches(in_hand, query.trial_type):
-        coming = studio.proposer.upcoming(in_hand, history, pair)
-        studio.proposer.work_ahead(in_hand, history, pair)
-    elif (known := studio.proposer.known(in_hand, history)) and known.next:
+        coming = studio.proposer.possible_queries(in_hand, history, pair)
+        studio.proposer.precompute(in_hand, history, pair)
+    elif (known := studio.proposer.cached_step(in_hand, history)) and known.next:
         coming = [known.next]
     # After the last query none follows, and yet what its response will have taught is asked for.
     if kind in (None, Kind.MODEL):

@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
+from threading import Lock
 from typing import Any
 
+from cachetools import LRUCache, cached
 from sqlalchemy import delete, func, insert, select
 from sqlalchemy.orm import Session
 
@@ -39,12 +41,13 @@ SHARED = "shared"
 #: What follows /studies/ in the addresses of other pages.
 RESERVED_SLUGS = frozenset({"new"})
 
-#: Plans and their texts by their hash: parsing them takes longer than a response may.
-_PLANS: dict[str, Plan] = {}
-_TEXTS: dict[str, Texts] = {}
-
-#: The same without some conditions, by which are left.
-_NARROWED: dict[tuple[str, frozenset[int]], Plan] = {}
+#: Versions of plans whose parsed form is cached: parsing one takes longer than a response may.
+MAX_PLANS = 256
+#: Plans and their texts by their hash, and plans narrowed to some conditions.
+_plans: LRUCache[str, Plan] = LRUCache(MAX_PLANS)
+_texts: LRUCache[str, Texts] = LRUCache(MAX_PLANS)
+_narrowed_plans: LRUCache[tuple[str, frozenset[int]], Plan] = LRUCache(4 * MAX_PLANS)
+_lock = Lock()
 
 #: What the shipped crane's parameters are called, in the order of its candidates' columns.
 CRANE_PARAMETERS = ("w0", "w1")
@@ -249,20 +252,16 @@ def _set_status(studio: Studio, slug: str, status: str, actor: str) -> StudyInfo
         return _info(study, study.plans[-1])
 
 
+@cached(_plans, key=lambda version: version.plan_hash, lock=_lock)
 def stored_plan(version: PlanVersion) -> Plan:
     """The plan of a stored version. A stored plan never changes, so it is parsed once."""
-    cached = _PLANS.get(version.plan_hash)
-    if cached is None:
-        cached = _PLANS[version.plan_hash] = Plan.model_validate(version.plan)
-    return cached
+    return Plan.model_validate(version.plan)
 
 
+@cached(_texts, key=lambda version: version.plan_hash, lock=_lock)
 def stored_texts(version: PlanVersion) -> Texts:
     """The texts of a stored version, which never change either."""
-    cached = _TEXTS.get(version.plan_hash)
-    if cached is None:
-        cached = _TEXTS[version.plan_hash] = version.texts
-    return cached
+    return version.texts
 
 
 def plan_of(row: SessionRow) -> Plan:
@@ -276,11 +275,12 @@ def plan_of(row: SessionRow) -> Plan:
 def _narrowed(digest: str, plan: Plan, conditions: frozenset[int]) -> Plan:
     if len(conditions) == len(plan.conditions):
         return plan
-    key = (digest, conditions)
-    cached = _NARROWED.get(key)
-    if cached is None:
-        cached = _NARROWED[key] = assignment.narrowed(plan, conditions)
-    return cached
+    return _narrowed_to(digest, plan, conditions)
+
+
+@cached(_narrowed_plans, key=lambda digest, _, conditions: (digest, conditions), lock=_lock)
+def _narrowed_to(digest: str, plan: Plan, conditions: frozenset[int]) -> Plan:
+    return assignment.narrowed(plan, conditions)
 
 
 def _info(study: Study, version: PlanVersion) -> StudyInfo:

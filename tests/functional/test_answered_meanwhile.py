@@ -83,4 +83,4 @@ def test_who_is_deleted_meanwhile_leaves_nothing(
     elsewhere(lambda: withdrawal.withdraw_and_delete(studio, person.token))
     assert person.respond("left").status_code == 401
     assert rows(studio, Response) == 0
-    assert studio.proposer.remembered() == frozenset()
+    assert studio.proposer.cached_seeds() == frozenset()

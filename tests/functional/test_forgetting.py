@@ -11,7 +11,7 @@ import pytest
 
 from app.main import create_app
 from app.services import forgetting, withdrawal
-from app.services.foreseen import Foreseen
+from app.services.foreseen import StepCache
 from app.services.proposals import TrialInHand
 from app.services.settings import Settings
 from app.services.studies import StudyInfo
@@ -40,10 +40,10 @@ def person(client: Api, learning_study: StudyInfo) -> Session:
 
 
 def histories(studio: Studio) -> dict[int, list[History]]:
-    foreseen = studio.proposer._foreseen
-    assert isinstance(foreseen, Foreseen)
+    foreseen = studio.proposer._steps
+    assert isinstance(foreseen, StepCache)
     kept = foreseen._trials
-    return {seed: list(trial.after) for seed, trial in kept.items()}
+    return {seed: list(trial.steps) for seed, trial in kept.items()}
 
 
 def delete_elsewhere(elsewhere: Studio, person: Session) -> None:
@@ -54,9 +54,9 @@ def test_what_was_deleted_elsewhere_is_forgotten_and_nothing_else(
     client: Api, studio: Studio, elsewhere: Studio, person: Session
 ) -> None:
     # The trial in hand; its belief too, as somebody has looked at it.
-    (seed,) = studio.proposer.remembered()
+    (seed,) = studio.proposer.cached_seeds()
     points = np.linspace(0, 1, 9)[:, None]
-    studio.proposer.beliefs.after(points, "pbpo", {}, seed, ((0, 1, "left"),))
+    studio.proposer.posteriors.posterior(points, "pbpo", {}, seed, ((0, 1, "left"),))
     another = client.start().to_first_query()
     another.respond("right")
     before = histories(studio)
@@ -64,23 +64,23 @@ def test_what_was_deleted_elsewhere_is_forgotten_and_nothing_else(
     assert histories(studio) == before
 
     delete_elsewhere(elsewhere, person)
-    assert seed in studio.proposer.remembered()
+    assert seed in studio.proposer.cached_seeds()
     assert forgetting.forget_deleted(studio) == 1
     assert histories(studio) == {one: steps for one, steps in before.items() if one != seed}
-    assert seed not in studio.proposer.remembered()
+    assert seed not in studio.proposer.cached_seeds()
     assert another.respond("left").status_code == 200
 
 
 def test_what_was_under_way_meanwhile_is_forgotten_the_next_time(
     studio: Studio, elsewhere: Studio, person: Session, learning_study: StudyInfo
 ) -> None:
-    (seed,) = studio.proposer.remembered()
+    (seed,) = studio.proposer.cached_seeds()
     delete_elsewhere(elsewhere, person)
     forgetting.forget_deleted(studio)
     trial = TrialInHand(learning_study.id, "env1", "pbpo", {"preset": "paper-env1"}, seed, 5)
     studio.proposer.step(trial, ((0, 1, "left"),))
     assert forgetting.forget_deleted(studio) == 1
-    assert studio.proposer.remembered() == frozenset()
+    assert studio.proposer.cached_seeds() == frozenset()
 
 
 def test_a_trial_that_is_just_beginning_loses_nothing_for_good(
@@ -107,12 +107,12 @@ def test_a_server_forgets_by_itself_as_long_as_it_runs(
         async with server.router.lifespan_context(server):
             # A fault is no end of it.
             with monkeypatch.context() as broken:
-                broken.setattr(studio.proposer, "remembered", None)
+                broken.setattr(studio.proposer, "cached_seeds", None)
                 await asyncio.sleep(0.05)
             delete_elsewhere(elsewhere, person)
             deadline = time.monotonic() + 30
-            while studio.proposer.remembered() and time.monotonic() < deadline:
+            while studio.proposer.cached_seeds() and time.monotonic() < deadline:
                 await asyncio.sleep(0.01)
 
     asyncio.run(run())
-    assert studio.proposer.remembered() == frozenset()
+    assert studio.proposer.cached_seeds() == frozenset()

@@ -121,9 +121,9 @@ def test_nothing_of_the_person_is_left_in_the_files_of_the_database(
 
 
 def test_what_was_worked_out_from_the_answers_is_forgotten(studio: Studio, person: Session) -> None:
-    assert studio.proposer.remembered()
+    assert studio.proposer.cached_seeds()
     person.call("withdraw", {"delete": True})
-    assert not studio.proposer.remembered()
+    assert not studio.proposer.cached_seeds()
 
 
 def test_work_under_way_does_not_bring_a_deleted_trial_back(
@@ -137,9 +137,9 @@ def test_work_under_way_does_not_bring_a_deleted_trial_back(
         seed=7,
         queries=4,
     )
-    studio.proposer.forget(frozenset({7}))
+    studio.proposer.purge(frozenset({7}))
     studio.proposer.step(trial, ((0, 1, "left"),))
-    assert not studio.proposer.remembered()
+    assert not studio.proposer.cached_seeds()
 
 
 @pytest.mark.parametrize("stage", ["consent", "familiarisation", "break", "completed", "withdrawn"])

@@ -84,7 +84,7 @@ def posterior(studio: Studio, session: Session, trial: Trial) -> Found:
     space = studio.proposer.space(in_hand.study_id, in_hand.environment)
     record = queries.read_record(session, trial.id)
     history = learned(in_hand, record)
-    belief = studio.proposer.beliefs.after(
+    belief = studio.proposer.posteriors.posterior(
         space.candidates, in_hand.method, in_hand.settings, in_hand.seed, history
     )
     if belief is None:

@@ -110,7 +110,8 @@ def test_a_step_is_worked_out_once(proposer: Proposer, monkeypatch: pytest.Monke
 def test_what_was_worked_out_long_ago_is_forgotten_and_worked_out_alike(
     proposer: Proposer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(foreseen, "KEPT", 2)
+    monkeypatch.setattr(foreseen, "MAX_TRIALS", 2)
+    monkeypatch.setattr(proposer, "_steps", foreseen.StepCache())
     first = proposer.step(TRIAL, ())
     for seed in (6, 7):
         proposer.step(replace(TRIAL, seed=seed), ())
@@ -137,20 +138,20 @@ class TestWorkingAhead:
         begun: list[Clip] = []
         proposer = Proposer(studio.database, studio.background, begun.append, studio.measurements)
         pair = first_pair(proposer)
-        assert proposer.upcoming(TRIAL, (), pair) == []
+        assert proposer.possible_queries(TRIAL, (), pair) == []
 
-        proposer.work_ahead(TRIAL, (), pair)
+        proposer.precompute(TRIAL, (), pair)
         studio.background.in_thread("after that", lambda: None).result(30)
 
-        upcoming = proposer.upcoming(TRIAL, (), pair)
+        upcoming = proposer.possible_queries(TRIAL, (), pair)
         assert len(upcoming) == 3
         assert {clip.id for clip in begun} == {
             clip.id for following in upcoming for clip in (following.left, following.right)
         }
         no_skip = replace(TRIAL, method="pbpo-no-skip", seed=6)
-        proposer.work_ahead(no_skip, (), pair)
+        proposer.precompute(no_skip, (), pair)
         studio.background.in_thread("after that", lambda: None).result(30)
-        assert len(proposer.upcoming(no_skip, (), pair)) == 2
+        assert len(proposer.possible_queries(no_skip, (), pair)) == 2
         proposer.close()
 
     def test_as_long_as_one_of_them_is_worked_out_none_is_told(
@@ -161,10 +162,10 @@ class TestWorkingAhead:
         pair = first_pair(proposer)
         # Answered before anything was worked out, and taken back.
         proposer.step(TRIAL, ((*pair, "left"),))
-        assert proposer.upcoming(TRIAL, (), pair) == []
-        proposer.work_ahead(TRIAL, (), pair)
+        assert proposer.possible_queries(TRIAL, (), pair) == []
+        proposer.precompute(TRIAL, (), pair)
         studio.background.in_thread("after that", lambda: None).result(30)
-        assert len(proposer.upcoming(TRIAL, (), pair)) == 3
+        assert len(proposer.possible_queries(TRIAL, (), pair)) == 3
 
     def test_what_was_answered_meanwhile_is_worked_out_no_further(
         self, studio: Studio, study_shelf: StudyShelf
@@ -176,13 +177,13 @@ class TestWorkingAhead:
         busy = threading.Event()
         studio.background.in_thread("busy", busy.wait, 30)
 
-        proposer.work_ahead(TRIAL, (), pair)
+        proposer.precompute(TRIAL, (), pair)
         second = proposer.step(TRIAL, answered).next
         assert second is not None
         pair_then = (second.left_candidate, second.right_candidate)
-        proposer.work_ahead(TRIAL, answered, pair_then)
+        proposer.precompute(TRIAL, answered, pair_then)
         busy.set()
         studio.background.in_thread("after that", lambda: None).result(30)
 
-        assert proposer.known(TRIAL, ((*pair, "right"),)) is None
-        assert len(proposer.upcoming(TRIAL, answered, pair_then)) == 3
+        assert proposer.cached_step(TRIAL, ((*pair, "right"),)) is None
+        assert len(proposer.possible_queries(TRIAL, answered, pair_then)) == 3

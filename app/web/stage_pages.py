@@ -64,7 +64,9 @@ def respond(
     answer = Answer(query_id, response, rt_ms, skip_reason, (by_form,))
     # An answer to a pair that has one, or was replaced: the page of the open pair follows.
     with suppress(ResponseRefusedError):
-        return do(slug, lambda: pair_answers.respond(studio, token_of(request, slug), answer))
+        return do(
+            request, slug, lambda: pair_answers.respond(studio, token_of(request, slug), answer)
+        )
     return to_stage(slug)
 
 

@@ -25,8 +25,9 @@ from app.commands.asking import (
     settings_of,
     studio_of,
 )
-from app.services import revision, studies
-from app.services.errors import ServiceError
+from app.services import revision, slugs, studies
+from app.services.errors import ServiceError, SlugTakenError
+from app.services.settings import DATABASE_FILE
 from app.study.faults import StudyFaults
 from app.study.folder import UnknownStudyError
 from app.study.scaffold import FolderNotEmptyError
@@ -175,20 +176,45 @@ def study_init(folder: Annotated[Path, typer.Argument(metavar="FOLDER")]) -> Non
 
 
 @study_app.command("check")
-def study_check(folder: Folder) -> None:
+def study_check(folder: Folder, data_dir: DataDir = None) -> None:
     """Name every fault in a study's folder: one line each."""
-    plan = studies.load_folder(folder).plan
+    loaded = studies.load_folder(folder)
+    plan = loaded.plan
     out.print(
         f"{plan.slug}: no fault found. {len(plan.conditions)} conditions, {plan.trials} trials of "
         f"{plan.queries_per_trial} queries."
     )
+    settings = settings_of(data_dir)
+    if settings.database_url or (settings.data_dir / DATABASE_FILE).is_file():
+        taken = slugs.remark(studio_of(data_dir), plan.slug, slugs.mark_of(loaded.root))
+        if taken is not None:
+            out.print(f"{plan.slug}: {taken}")
 
 
 @study_app.command("create")
-def study_create(folder: Folder, data_dir: DataDir = None) -> None:
-    """Store a study as a draft; an earlier draft of its name makes way."""
+def study_create(
+    folder: Folder,
+    replace: Annotated[
+        bool,
+        typer.Option(
+            "--replace", help="Let a draft of this slug make way that was made of another folder."
+        ),
+    ] = False,
+    data_dir: DataDir = None,
+) -> None:
+    """Store a study as a draft; an earlier draft made of the same folder makes way."""
     loaded = studies.load_folder(folder)
-    info = studies.create(studio_of(data_dir), loaded)
+    try:
+        info = studies.create(
+            studio_of(data_dir),
+            loaded,
+            # A draft that somebody made in the browser is theirs.
+            may_replace=lambda session, study_id: slugs.owner_of(session, study_id) is None,
+            proof=slugs.Proof(is_asked=replace),
+        )
+    except SlugTakenError as error:
+        hint = "its owner alone replaces it" if replace else "--replace lets a draft make way"
+        raise SlugTakenError(f"{error} ({hint})") from None
     out.print(
         f"{info.slug}: created as a draft. To let participants in: pbpo study open {info.slug}"
     )

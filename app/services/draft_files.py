@@ -63,7 +63,7 @@ def store(folder: Path, sent: Sequence[Sent], limit: int) -> list[str]:
     return stored
 
 
-def complete(folder: Path, title: str) -> None:
+def complete(folder: Path, title: str, slug: str) -> None:
     """Begin what is missing to be a study's folder: a plan for its CSV, and texts."""
     tables = sorted(path for path in folder.glob("*.csv"))
     parameters: list[str] = []
@@ -74,7 +74,7 @@ def complete(folder: Path, title: str) -> None:
             # The check says what is wrong with it, with its line.
             parameters = []
     source = tables[0].name if tables else "recordings.csv"
-    written = {STUDY_FILE: beginning.begin_plan(title, source, parameters)}
+    written = {STUDY_FILE: beginning.begin_plan(title, source, parameters, slug)}
     for place, text in {**beginning.example_texts(), **written}.items():
         path = folder / place
         if not path.exists():

@@ -14,19 +14,31 @@ from datetime import datetime
 from pathlib import Path, PurePosixPath
 
 from sqlalchemy import delete, select, update
+from sqlalchemy.orm import Session
 
 from app.storage.records import StudyDraft
-from app.study import beginning
+from app.study.difference import mark_of
 from app.study.faults import Fault, StudyFaults, UnreadableFileError
 from app.study.files import read_text
 from app.study.folder import StudyFolder
 from app.study.plan_source import STUDY_FILE
 from app.study.recordings import PLAYABLE
 
-from . import access, audit, cloning, draft_files, jobs, studies, transcode_job, uploads
+from . import (
+    access,
+    audit,
+    cloning,
+    draft_files,
+    draft_slugs,
+    jobs,
+    slugs,
+    studies,
+    transcode_job,
+    uploads,
+)
 from .accounts import Experimenter
 from .draft_files import Sent
-from .errors import ConflictError, ForbiddenError, NotFoundError
+from .errors import ChangedMeanwhileError, ConflictError, ForbiddenError, NotFoundError
 from .studio import Studio
 from .tokens import new_public_id
 from .uploads import UploadRefusedError
@@ -91,7 +103,11 @@ def begin(studio: Studio, caller: Experimenter, name: str, sent: Sequence[Sent] 
     try:
         draft_files.store(draft.folder, sent, _limit(studio))
         if not (draft.folder / STUDY_FILE).is_file():
-            draft_files.complete(draft.folder, name)
+            draft_files.complete(
+                draft.folder,
+                name,
+                draft_slugs.of_title(studio, name, (one.folder for one in mine(studio, caller))),
+            )
         draft_files.settle(draft.folder)
         _keep_row(studio, caller, draft, "draft begun")
     except BaseException:
@@ -101,17 +117,22 @@ def begin(studio: Studio, caller: Experimenter, name: str, sent: Sequence[Sent] 
 
 
 def clone(studio: Studio, caller: Experimenter, study: studies.StudyInfo, new_slug: str) -> Draft:
-    """Begin a study that is another one's copy, under a slug of its own (or anew under the same).
+    """Begin a study that is another one's copy under a slug of its own, or (new_slug empty, or the
+    same) one that is to take this draft's place.
 
-    Raises ConflictError if one of its videos is missing.
+    Raises SlugTakenError if another study has the slug, and ConflictError if one of its videos is
+    missing.
     """
     if not access.may_make_studies(caller):
         raise ForbiddenError(f"{caller.email} ({caller.role.value}) may not make studies")
-    slug = beginning.slug_of(new_slug)
+    is_change = not new_slug or new_slug == study.slug
+    slug = draft_slugs.of_copy(studio, study, study.slug if is_change else new_slug)
     public_id = new_public_id()
     draft = Draft(public_id, slug, folder_of(studio, public_id), studio.now())
     try:
         cloning.write_folder(studio, study.slug, draft.folder, slug)
+        if is_change:
+            draft_slugs.note_origin(draft.folder, study.id)
         _keep_row(studio, caller, draft, "study cloned", study.slug)
     except BaseException:
         shutil.rmtree(draft.folder, ignore_errors=True)
@@ -162,7 +183,7 @@ def files(draft: Draft) -> list[DraftFile]:
             path.suffix.lower() in TEXT_ENDINGS,
         )
         for path in sorted(draft.folder.rglob("*"))
-        if path.is_file()
+        if path.is_file() and path.name != draft_slugs.ORIGIN
     ]
     return sorted(found, key=lambda file: (not file.is_text, file.name != STUDY_FILE, file.name))
 
@@ -192,22 +213,44 @@ def text_of(draft: Draft, name: str) -> str:
         raise UploadRefusedError([f"{name}: {error}."]) from None
 
 
-def write_text(studio: Studio, draft: Draft, name: str, text: str) -> None:
-    """Give a text of the draft these words. Raises UploadRefusedError."""
-    content = text.replace("\r\n", "\n").encode("utf-8")
-    uploads.keep(io.BytesIO(content), _text_path(draft, name), LONGEST_TEXT)
-    _changed(studio, draft)
+def write_text(studio: Studio, draft: Draft, name: str, text: str, base: str | None = None) -> None:
+    """Give a text of the draft these words.
+
+    base: the mark (`difference.mark_of`) of the text that they were written over. Raises
+    ChangedMeanwhileError if it is another one by now, and UploadRefusedError.
+    """
+    written = text.replace("\r\n", "\n")
+    path = _text_path(draft, name)
+    with studio.database.write() as session:
+        # The row is held: of two who save at once the second sees what the first has written.
+        _touch(session, studio, draft)
+        if base is not None:
+            there = text_of(draft, name)
+            if mark_of(there) != base and there != written:
+                raise ChangedMeanwhileError(
+                    f"expected {name} as it was when this page was opened, and it was changed"
+                )
+        uploads.keep(io.BytesIO(written.encode("utf-8", "replace")), path, LONGEST_TEXT)
 
 
-def check(draft: Draft) -> Checked:
-    """Everything that is wrong with a draft, at once."""
+def check(studio: Studio, draft: Draft) -> Checked:
+    """Everything that is wrong with a draft, at once; that its slug is taken as well."""
     try:
-        return Checked(studies.load_folder(str(draft.folder)), {})
+        study = studies.load_folder(str(draft.folder))
+        taken = draft_slugs.fault(studio, draft.folder, study.plan.slug)
+        if taken is not None:
+            return Checked(None, {STUDY_FILE: [taken]})
+        return Checked(study, {})
     except StudyFaults as error:
         faults: dict[str, list[Fault]] = {}
         for fault in error.faults:
             faults.setdefault(fault.file, []).append(fault)
         return Checked(None, faults)
+
+
+def replaces(studio: Studio, draft: Draft, slug: str) -> bool:
+    """Whether creating the draft's study replaces the draft study that it was copied from."""
+    return draft_slugs.replaces(studio, draft.folder, slug)
 
 
 def transcode(studio: Studio, caller: Experimenter, draft: Draft) -> jobs.JobInfo:
@@ -228,6 +271,7 @@ def create_study(studio: Studio, caller: Experimenter, draft: Draft) -> studies.
         caller.account_id,
         actor=caller.email,
         may_replace=lambda session, study_id: access.may_change(session, caller, study_id),
+        proof=slugs.Proof(origin=draft_slugs.origin(draft.folder)),
     )
     discard(studio, draft)
     return info
@@ -269,11 +313,15 @@ def folder_of(studio: Studio, public_id: str) -> Path:
 
 def _changed(studio: Studio, draft: Draft) -> None:
     with studio.database.write() as session:
-        session.execute(
-            update(StudyDraft)
-            .where(StudyDraft.public_id == draft.public_id)
-            .values(changed_at=studio.now())
-        )
+        _touch(session, studio, draft)
+
+
+def _touch(session: Session, studio: Studio, draft: Draft) -> None:
+    session.execute(
+        update(StudyDraft)
+        .where(StudyDraft.public_id == draft.public_id)
+        .values(changed_at=studio.now())
+    )
 
 
 def _limit(studio: Studio) -> int:

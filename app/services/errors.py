@@ -103,6 +103,14 @@ class ConflictError(ServiceError):
     """It cannot be done in the state that things are in."""
 
 
+class ChangedMeanwhileError(ConflictError):
+    """What a form was filled from has been changed by someone else; nothing was stored."""
+
+
+class SlugTakenError(ConflictError):
+    """Another study has the slug, and nothing shows that it is the same one."""
+
+
 class AlreadyTakenPartError(ConflictError):
     """The study takes each person once. `way_back` is that of the session the person has had."""
 

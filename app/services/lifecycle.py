@@ -11,7 +11,7 @@ from app.storage.tables import SessionRow, Study, Trial
 from app.study import assignment
 
 from . import audit, ledger, left_videos, studies
-from .errors import ConflictError
+from .errors import ChangedMeanwhileError, ConflictError
 from .studies import StudyInfo
 from .studio import Studio
 
@@ -37,12 +37,18 @@ def resume(studio: Studio, slug: str, actor: str = audit.COMMAND_LINE) -> StudyI
 
 
 def switch_conditions(
-    studio: Studio, slug: str, on: Sequence[str], actor: str = audit.COMMAND_LINE
+    studio: Studio,
+    slug: str,
+    on: Sequence[str],
+    actor: str = audit.COMMAND_LINE,
+    *,
+    base: Sequence[str] | None = None,
 ) -> StudyInfo:
     """Give new sessions only these conditions; sessions under way keep theirs.
 
-    Raises ConflictError if none would be left, if one is not the study's, or if blocks would come
-    to differ in length.
+    base: those that were off when the choice was made. Raises ChangedMeanwhileError if others are
+    off by now, and ConflictError if none would be left, if one is not the study's, or if blocks
+    would come to differ in length.
     """
     with studio.database.write() as session:
         study = studies.to_change(session, slug)
@@ -53,6 +59,13 @@ def switch_conditions(
             known = ", ".join(names)
             raise ConflictError(f"expected conditions among {known}, got {unknown[0]!r}")
         off = [name for name in names if name not in on]
+        now_off = list(study.conditions_off)
+        if base is not None and sorted(base) != sorted(now_off) and off != now_off:
+            raise ChangedMeanwhileError(
+                "The conditions were switched since this page was opened. Off now:"
+                f" {', '.join(now_off) or 'none'}. Off as you chose: {', '.join(off) or 'none'}."
+                " Nothing was changed: choose again"
+            )
         try:
             assignment.narrowed(plan, assignment.conditions_on(plan, off))
         except ValueError as error:

@@ -21,7 +21,7 @@ from app.study.plan import plan_hash
 from app.study.recordings import RecordingRow
 
 from . import audit, recordings, studies
-from .errors import ConflictError
+from .errors import ChangedMeanwhileError, ConflictError
 from .studies import StudyInfo
 from .studio import Studio
 
@@ -53,11 +53,17 @@ def revise(studio: Studio, folder: StudyFolder, actor: str = audit.COMMAND_LINE)
 
 
 def revise_texts(
-    studio: Studio, slug: str, texts: Mapping[str, Mapping[str, str]], actor: str
+    studio: Studio,
+    slug: str,
+    texts: Mapping[str, Mapping[str, str]],
+    actor: str,
+    base: str | None = None,
 ) -> StudyInfo:
     """Give a study these texts, written on its page. The same texts again change nothing.
 
-    Raises NotFoundError, or StudyFaults with every text that is missing or not filled in.
+    base: the hash of the plan whose texts the page was filled from. Raises NotFoundError,
+    ChangedMeanwhileError if the study has another plan by now, or StudyFaults with every text that
+    is missing or not filled in.
     """
     with studio.database.write() as session:
         studies.to_change(session, slug)
@@ -68,6 +74,10 @@ def revise_texts(
             }
             for language, named in before.texts.items()
         }
+        if base is not None and base != before.plan_hash and given != before.texts:
+            raise ChangedMeanwhileError(
+                "expected the texts as they were when this page was opened, and they were revised"
+            )
         faults = [
             fault
             for language, named in given.items()
@@ -79,6 +89,18 @@ def revise_texts(
         if given == before.texts:
             return before
         return _add_version(studio, session, before, given, _stored_rows(session, before), actor)
+
+
+def texts_of(studio: Studio, study: StudyInfo, digest: str) -> studies.Texts | None:
+    """The texts of the study's version with this hash; None if it has no such version."""
+    with studio.database.read() as session:
+        texts: studies.Texts | None = session.scalar(
+            select(PlanVersion.texts)
+            .where(PlanVersion.study_id == study.id, PlanVersion.plan_hash == digest)
+            .order_by(PlanVersion.version.desc())
+            .limit(1)
+        )
+        return texts
 
 
 def versions(studio: Studio, study: StudyInfo) -> list[Version]:

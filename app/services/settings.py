@@ -24,6 +24,8 @@ from sqlalchemy.exc import ArgumentError
 from .errors import ConflictError
 
 DATABASES = ("sqlite", "postgresql")
+#: SQLite's file in the data folder.
+DATABASE_FILE = "pbpo.sqlite3"
 _PREFIX = "PBPO_"
 #: How alike a variable's name is to a setting's if that is meant, from 0 to 1: PBPO_DATABASE is,
 #: PBPO_TEST_MEDIA_DIR is not.
@@ -275,7 +277,7 @@ class Settings(BaseSettings):
 
     @property
     def url(self) -> str:
-        return self.database_url or f"sqlite:///{self.data_dir.resolve() / 'pbpo.sqlite3'}"
+        return self.database_url or f"sqlite:///{self.data_dir.resolve() / DATABASE_FILE}"
 
     @property
     def ledger_path(self) -> Path:

@@ -22,8 +22,8 @@ from app.study import assignment
 from app.study import folder as study_folder
 from app.study.plan import Plan, plan_hash
 
-from . import audit, handed_out, left_videos, recordings
-from .errors import ConflictError, NotFoundError
+from . import audit, handed_out, left_videos, recordings, slugs
+from .errors import ConflictError, NotFoundError, SlugTakenError
 from .studio import Studio
 from .tokens import new_public_id
 
@@ -37,9 +37,6 @@ CLOSED = "closed"
 #: Whose a study is, and whom it is shared with.
 OWNER = "owner"
 SHARED = "shared"
-
-#: What follows /studies/ in the addresses of other pages.
-RESERVED_SLUGS = frozenset({"new"})
 
 #: Versions of plans whose parsed form is cached: parsing one takes longer than a response may.
 MAX_PLANS = 256
@@ -97,17 +94,21 @@ def create(
     *,
     actor: str = audit.COMMAND_LINE,
     may_replace: Callable[[Session, int], bool] = lambda _session, _study_id: True,
+    proof: slugs.Proof = slugs.NONE,
 ) -> StudyInfo:
-    """Store a study as a draft, in the place of an earlier draft of its name.
+    """Store a study as a draft, in the place of an earlier draft if that is the same study.
+
+    It is if it was made of the same folder, or if `proof` shows it.
 
     owner_id: the account whose study it will be; None leaves it to the admins. An earlier draft
     hands its owner, and whom it was shared with, on. may_replace: whether the one who asks may
-    replace the draft of this id.
+    replace the draft of this id. A draft with the very same plan, texts and recordings stays.
 
-    Raises ConflictError if a study of that name is open or was: its plan holds for good.
+    Raises SlugTakenError if another draft has the slug, and ConflictError if a study of that name
+    is open or was: its plan holds for good.
     """
     plan = folder.plan
-    if plan.slug in RESERVED_SLUGS:
+    if plan.slug in slugs.RESERVED:
         raise ConflictError(f"expected another slug: {plan.slug!r} is a page of the studio's own")
     with handed_out.videos(studio.settings, folder) as made:
         videos = {video.name: video for video in made.values()}
@@ -115,7 +116,7 @@ def create(
         with left_videos.until_stored(studio, videos.keys()):
             # Videos first, under their content's names: one that nothing points to does no harm.
             studio.recordings.keep_files(videos)
-            return _stored(studio, folder, locators, owner_id, actor, may_replace)
+            return _stored(studio, folder, locators, owner_id, actor, may_replace, proof)
 
 
 def _stored(
@@ -125,15 +126,22 @@ def _stored(
     owner_id: int | None,
     actor: str,
     may_replace: Callable[[Session, int], bool],
+    proof: slugs.Proof,
 ) -> StudyInfo:
     plan = folder.plan
     places = list(_candidates(folder, locators))
+    digest = plan_hash(plan, folder.texts, folder.recordings)
+    made_of = slugs.mark_of(folder.root)
     with studio.database.write() as session:
-        earlier = session.scalar(select(Study).where(Study.slug == plan.slug))
+        earlier = session.scalar(select(Study).where(Study.slug == plan.slug).with_for_update())
         ties = {} if owner_id is None else {owner_id: OWNER}
         if earlier is not None:
             if not may_replace(session, earlier.id):
-                raise ConflictError(f"expected another slug: {plan.slug!r} is taken")
+                raise SlugTakenError(f"expected another slug: {plan.slug!r} is taken")
+            if earlier.status == DRAFT:
+                if earlier.plans[-1].plan_hash == digest:
+                    return _info(earlier, earlier.plans[-1])
+                slugs.require_same(session, earlier, made_of, proof)
             ties = _ties(session, earlier.id) or ties
             had = left_videos.of_study(session, earlier.id)
             _delete_draft(session, earlier)
@@ -143,7 +151,7 @@ def _stored(
         version = PlanVersion(
             study=study,
             version=1,
-            plan_hash=plan_hash(plan, folder.texts, folder.recordings),
+            plan_hash=digest,
             plan=plan.model_dump(mode="json"),
             texts={language: dict(texts) for language, texts in folder.texts.items()},
             created_at=now,
@@ -156,7 +164,8 @@ def _stored(
             for account_id, tie in ties.items()
         )
         session.flush()
-        audit.note(session, now, actor, "study created", study.slug, plan_hash=version.plan_hash)
+        told = {"plan_hash": digest, slugs.FOLDER: made_of}
+        audit.note(session, now, actor, slugs.CREATED, study.slug, **told)
         return _info(study, version)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import hashlib
 import io
 import re
 import unicodedata
@@ -21,9 +22,19 @@ LONGEST_SLUG = 60
 
 
 def slug_of(title: str) -> str:
-    """A name for links made of a title: `Pouring water!` becomes `pouring-water`."""
-    plain = unicodedata.normalize("NFKD", title).encode("ascii", "ignore").decode().lower()
-    return re.sub(r"[^a-z0-9]+", "-", plain).strip("-")[:LONGEST_SLUG].strip("-") or "my-study"
+    """A name for links made of a title: `Pouring water!` becomes `pouring-water`.
+
+    Where most of its letters are none of a to z, what is left of two titles may be the same: then
+    six characters of the title's hash follow, as in `study-3fa9c1`.
+    """
+    taken_apart = unicodedata.normalize("NFKD", title.casefold())
+    plain = taken_apart.encode("ascii", "ignore").decode()
+    slug = re.sub(r"[^a-z0-9]+", "-", plain).strip("-")
+    letters = [letter for letter in taken_apart if letter.isalpha()]
+    if letters and 2 * sum(map(str.isascii, letters)) < len(letters):
+        digest = hashlib.sha256(unicodedata.normalize("NFC", title).encode()).hexdigest()[:6]
+        slug = f"{slug[: LONGEST_SLUG - 7].strip('-') or 'study'}-{digest}"
+    return slug[:LONGEST_SLUG].strip("-") or "my-study"
 
 
 def parameters_of(csv_text: str) -> list[str]:
@@ -33,14 +44,22 @@ def parameters_of(csv_text: str) -> list[str]:
     return [name for name in names if name and name not in (FILE_COLUMN, SCORE_COLUMN)]
 
 
-def begin_plan(title: str, source: str = "recordings.csv", parameters: Sequence[str] = ()) -> str:
-    """A `study.yaml` with every key explained. Without parameters the example's stand there."""
+def begin_plan(
+    title: str,
+    source: str = "recordings.csv",
+    parameters: Sequence[str] = (),
+    slug: str | None = None,
+) -> str:
+    """A `study.yaml` with every key explained. Without parameters the example's stand there.
+
+    slug: by default one made of the title.
+    """
     text = (EXAMPLE / "study.yaml").read_text(encoding="utf-8")
     text = text.replace("  kitchen:\n    label: Kitchen\n", f"  {ENVIRONMENT}:\n")
     text = text.replace("environment: kitchen", f"environment: {ENVIRONMENT}")
 
     def fill(data: CommentedMap) -> None:
-        put(data, "slug", slug_of(title))
+        put(data, "slug", slug or slug_of(title))
         put(data, "title", title)
         put(data["environments"][ENVIRONMENT], "source", source)
         if parameters:

@@ -21,6 +21,7 @@ from app.study.yaml_source import read_yaml
 
 #: Field -> key of the plan, for those that hold one value.
 SINGLE = {
+    "slug": "slug",
     "queries": "queries_per_trial",
     "trials": "trials_per_condition",
     "break": "break_s",

@@ -12,9 +12,10 @@ from fastapi.responses import RedirectResponse, Response
 from app.services import access, drafts, jobs, old_drafts, transcode_job
 from app.services.accounts import Experimenter
 from app.services.drafts import Draft
-from app.services.errors import ConflictError, ForbiddenError, NotFoundError
+from app.services.errors import ChangedMeanwhileError, ConflictError, ForbiddenError, NotFoundError
 from app.services.studio import Studio
 from app.services.uploads import UploadRefusedError
+from app.study.difference import difference, mark_of
 from app.study.faults import StudyFaults
 
 from .desk import OwnForm, SignedIn, desk_page
@@ -79,29 +80,24 @@ def text(
     public_id: str, request: Request, studio: StudioDep, caller: SignedIn, file: str
 ) -> Response:
     draft = drafts.find(studio, caller, public_id)
-    faults = drafts.check(draft).faults.get(file, ())
-    return desk_page(
-        request,
-        caller,
-        "experimenter/draft_text.html",
-        file,
-        draft=draft,
-        file=file,
-        text=drafts.text_of(draft, file),
-        faults=faults,
-    )
+    return _text_page(request, studio, caller, draft, file)
 
 
 @router.post("/drafts/{public_id}/text", dependencies=[OwnForm])
 def write(
     public_id: str,
+    request: Request,
     studio: StudioDep,
     caller: SignedIn,
     file: Annotated[str, Form()],
     text: Annotated[str, Form()] = "",
+    base: Annotated[str | None, Form(max_length=100)] = None,
 ) -> Response:
     draft = drafts.find(studio, caller, public_id)
-    drafts.write_text(studio, draft, file, text)
+    try:
+        drafts.write_text(studio, draft, file, text, base)
+    except ChangedMeanwhileError:
+        return _text_page(request, studio, caller, draft, file, text.replace("\r\n", "\n"))
     return _to(draft)
 
 
@@ -129,6 +125,31 @@ def transcode(public_id: str, studio: StudioDep, caller: SignedIn) -> Response:
 def discard(public_id: str, studio: StudioDep, caller: SignedIn) -> Response:
     drafts.discard(studio, drafts.find(studio, caller, public_id, whole=False))
     return RedirectResponse("/studies", status_code=303)
+
+
+def _text_page(
+    request: Request,
+    studio: Studio,
+    caller: Experimenter,
+    draft: Draft,
+    file: str,
+    typed: str | None = None,
+) -> Response:
+    """A text to be changed. typed: words that were refused, since it was changed meanwhile."""
+    stored = drafts.text_of(draft, file)
+    return desk_page(
+        request,
+        caller,
+        "experimenter/draft_text.html",
+        file,
+        status_code=200 if typed is None else 409,
+        draft=draft,
+        file=file,
+        text=stored if typed is None else typed,
+        base=mark_of(stored),
+        lines=() if typed is None else difference(stored, typed),
+        faults=drafts.check(studio, draft).faults.get(file, ()),
+    )
 
 
 def _to(draft: Draft) -> Response:
@@ -165,7 +186,7 @@ def _draft_page(
     status: int = 200,
 ) -> Response:
     jobs.revive(studio)
-    checked = drafts.check(draft)
+    checked = drafts.check(studio, draft)
     files = drafts.files(draft)
     present = {file.name for file in files}
     more: dict[str, Any] = {}
@@ -173,6 +194,7 @@ def _draft_page(
         plan = checked.study.plan
         more["study"] = {
             "slug": plan.slug,
+            "replaces": drafts.replaces(studio, draft, plan.slug),
             "title": plan.text(plan.title, plan.default_language),
             "conditions": len(plan.conditions),
             "trials": plan.trials,

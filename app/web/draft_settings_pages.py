@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from fastapi import APIRouter, Request
 from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import RedirectResponse, Response
 
 from app.services import drafts
 from app.services.accounts import Experimenter
+from app.services.drafts import Draft
+from app.services.errors import ChangedMeanwhileError
 from app.services.studio import Studio
 from app.services.uploads import UploadRefusedError
 from app.study import plan_form
 from app.study.consistency import METHODS
+from app.study.difference import mark_of
 from app.study.plan_source import STUDY_FILE
 from app.study.recruitment import PLATFORMS
 from app.study.yaml_edit import UneditableError
@@ -28,21 +33,40 @@ _FURTHER = 2
 
 @router.get("/drafts/{public_id}/settings")
 def settings(public_id: str, request: Request, studio: StudioDep, caller: SignedIn) -> Response:
-    draft = drafts.find(studio, caller, public_id)
+    return _page(request, studio, caller, drafts.find(studio, caller, public_id))
+
+
+def _page(
+    request: Request,
+    studio: Studio,
+    caller: Experimenter,
+    draft: Draft,
+    typed: Mapping[str, str] | None = None,
+) -> Response:
+    """The form. typed: fields that were refused, since the file was changed meanwhile."""
     text = drafts.text_of(draft, STUDY_FILE)
     try:
-        values = plan_form.fields(text)
+        stored = plan_form.fields(text)
         environments = plan_form.environments(text)
     except YamlSyntaxError as error:
         raise _by_hand(error) from None
+    values = {**stored, **(typed or {})}
     there = sum(name.startswith("name:") for name in values)
     return desk_page(
         request,
         caller,
         "experimenter/draft_settings.html",
         "Settings",
+        status_code=200 if typed is None else 409,
         draft=draft,
         values=values,
+        base=mark_of(text),
+        is_refused=typed is not None,
+        differing=[
+            (name, stored.get(name, ""), value.strip())
+            for name, value in (typed or {}).items()
+            if value.strip() != stored.get(name, "")
+        ],
         languages=[name.partition(":")[2] for name in values if name.startswith("title:")],
         rows=there + _FURTHER,
         environments=environments,
@@ -59,16 +83,30 @@ async def save(public_id: str, request: Request, studio: StudioDep, caller: Sign
     given = {
         name: value
         for name, value in form.items()
-        if isinstance(value, str) and name != "csrf_token"
+        if isinstance(value, str) and name not in ("csrf_token", "base")
     }
-    return await run_in_threadpool(_save, studio, caller, public_id, given)
+    base = form.get("base")
+    said = base if isinstance(base, str) and base else None
+    return await run_in_threadpool(_save, request, studio, caller, public_id, given, said)
 
 
-def _save(studio: Studio, caller: Experimenter, public_id: str, given: dict[str, str]) -> Response:
+def _save(
+    request: Request,
+    studio: Studio,
+    caller: Experimenter,
+    public_id: str,
+    given: dict[str, str],
+    base: str | None,
+) -> Response:
     draft = drafts.find(studio, caller, public_id)
     text = drafts.text_of(draft, STUDY_FILE)
+    if base is not None and base != mark_of(text):
+        return _page(request, studio, caller, draft, given)
     try:
-        drafts.write_text(studio, draft, STUDY_FILE, plan_form.written(text, given))
+        written = plan_form.written(text, given)
+        drafts.write_text(studio, draft, STUDY_FILE, written, mark_of(text))
+    except ChangedMeanwhileError:
+        return _page(request, studio, caller, draft, given)
     except (UneditableError, YamlSyntaxError) as error:
         raise _by_hand(error) from None
     return RedirectResponse(f"/drafts/{draft.public_id}", status_code=303)

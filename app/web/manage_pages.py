@@ -10,9 +10,10 @@ from fastapi.responses import RedirectResponse, Response
 
 from app.services import design, drafts, jobs, lifecycle, modes, revision, studies
 from app.services.accounts import Experimenter
-from app.services.errors import ConflictError
+from app.services.errors import ChangedMeanwhileError, ConflictError
 from app.services.studies import StudyInfo
 from app.services.studio import Studio
+from app.study.difference import difference
 from app.study.faults import StudyFaults
 
 from . import entrances, languages
@@ -115,7 +116,17 @@ def simulate(
 
 @router.get("/studies/{slug}/texts")
 def texts(study: ChangeOf, request: Request, studio: StudioDep, caller: SignedIn) -> Response:
-    return study_page(request, studio, caller, study, "texts", texts=study.texts, faults=())
+    return study_page(
+        request,
+        studio,
+        caller,
+        study,
+        "texts",
+        texts=study.texts,
+        base=study.plan_hash,
+        faults=(),
+        differences=(),
+    )
 
 
 @router.post("/studies/{slug}/texts", dependencies=[OwnForm])
@@ -127,7 +138,9 @@ async def revise(
         language: {name: str(form.get(f"{language}/{name}", "")) for name in named}
         for language, named in study.texts.items()
     }
-    return await run_in_threadpool(_revise, request, studio, caller, study, given)
+    base = form.get("base")
+    said = base if isinstance(base, str) and base else None
+    return await run_in_threadpool(_revise, request, studio, caller, study, given, said)
 
 
 def _revise(
@@ -136,9 +149,12 @@ def _revise(
     caller: Experimenter,
     study: StudyInfo,
     given: dict[str, dict[str, str]],
+    base: str | None,
 ) -> Response:
     try:
-        revision.revise_texts(studio, study.slug, given, caller.email)
+        revision.revise_texts(studio, study.slug, given, caller.email, base)
+    except ChangedMeanwhileError:
+        return _revised_meanwhile(request, studio, caller, study, given, base or "")
     except StudyFaults as error:
         return study_page(
             request,
@@ -148,9 +164,52 @@ def _revise(
             "texts",
             status_code=422,
             texts=given,
+            base=base or study.plan_hash,
             faults=error.faults,
+            differences=(),
         )
     return _to(study, "/plan")
+
+
+def _revised_meanwhile(
+    request: Request,
+    studio: Studio,
+    caller: Experimenter,
+    study: StudyInfo,
+    given: dict[str, dict[str, str]],
+    base: str,
+) -> Response:
+    """What was typed beside what is stored by now, to be saved again over it.
+
+    A text that was not touched since the page was opened is shown as it is stored.
+    """
+    now = studies.find(studio, study.slug)
+    opened = revision.texts_of(studio, now, base) or {}
+    shown: dict[str, dict[str, str]] = {}
+    differences = []
+    for language, named in now.texts.items():
+        shown[language] = {}
+        for name, stored in named.items():
+            typed = given.get(language, {}).get(name, stored).replace("\r\n", "\n")
+            if typed == opened.get(language, {}).get(name):
+                typed = stored
+            shown[language][name] = typed
+            if typed != stored:
+                lines = difference(stored, typed)
+                differences.append({"of": f"{name} ({language})", "lines": lines})
+    return study_page(
+        request,
+        studio,
+        caller,
+        now,
+        "texts",
+        status_code=409,
+        texts=shown,
+        base=now.plan_hash,
+        faults=(),
+        differences=differences,
+        revised=True,
+    )
 
 
 def _manage(

@@ -65,9 +65,11 @@ def switch(
     studio: StudioDep,
     caller: SignedIn,
     on: Annotated[list[str] | None, Form()] = None,
+    was_off: Annotated[str | None, Form(max_length=10_000)] = None,
 ) -> Response:
+    base = None if was_off is None else [name for name in was_off.split(",") if name]
     try:
-        lifecycle.switch_conditions(studio, study.slug, on or [], caller.email)
+        lifecycle.switch_conditions(studio, study.slug, on or [], caller.email, base=base)
     except ConflictError as error:
         return _recruit(request, studio, caller, study, refused=str(error))
     return RedirectResponse(f"/studies/{study.slug}/recruit", status_code=303)
@@ -104,6 +106,8 @@ def _recruit(
         ways_back=list(_ways_back(recruitment)),
         taken=taken,
         wanted=study.plan.places,
+        # No name of a condition has a comma; one behind each, so that none is not an empty field.
+        was_off="".join(f"{name}," for name in study.conditions_off) or ",",
         conditions=[
             line
             for line in conditions(studio, study, [LIVE])

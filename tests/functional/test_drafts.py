@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from app.services import lifecycle, studies
+from app.services import lifecycle, slugs, studies
 from app.services.errors import ConflictError, NotFoundError
 from app.services.studies import StudyInfo
 from app.services.studio import Studio
@@ -45,7 +45,11 @@ def test_a_draft_made_again_takes_the_place_of_the_first(
         headers={"Authorization": f"Bearer {api_token}"},
     )
     better = DRAFT_PLAN.replace("queries_per_trial: 4", "queries_per_trial: 5")
-    again = studies.create(studio, studies.load_folder(str(write_study(tmp_path / "e", better))))
+    again = studies.create(
+        studio,
+        studies.load_folder(str(write_study(tmp_path / "e", better))),
+        proof=slugs.Proof(is_asked=True),
+    )
     assert studies.find(studio, "draft").plan.queries_per_trial == 5
     assert again.id != draft.id
     assert len(studies.all_studies(studio)) == 1

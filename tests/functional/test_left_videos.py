@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from app.services import left_videos, lifecycle, retention, studies
+from app.services import left_videos, lifecycle, retention, slugs, studies
 from app.services.errors import ConflictError
 from app.services.studio import Studio
 from tests.conftest import Clock
@@ -56,7 +56,8 @@ def smaller(whole: Path, tmp_path: Path) -> Path:
 
 
 def create(studio: Studio, folder: Path) -> None:
-    studies.create(studio, studies.load_folder(str(folder)))
+    whole = studies.load_folder(str(folder))
+    studies.create(studio, whole, proof=slugs.Proof(is_asked=True))
 
 
 def test_what_a_draft_that_is_made_again_has_no_more_goes_after_a_day(

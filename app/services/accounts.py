@@ -112,21 +112,23 @@ def find(studio: Studio, email: str) -> Experimenter:
         return _experimenter(require(session, email))
 
 
-def sign_in(studio: Studio, email: str, password: str) -> str:
+def sign_in(
+    studio: Studio, email: str, password: str, came_from: tries.CameFrom = tries.ANYWHERE
+) -> str:
     """Check a password: a token for the browser.
 
     Raises SignInRequiredError, never saying why; TooManyTriesError, whoever's address it is; or
     TooManyPasswordsError, having looked at nothing.
     """
     email = normal(email)
-    with hashing.one_at_a_time(studio):
+    with hashing.one_at_a_time(studio, came_from):
         with studio.database.write() as session:
             # Counted before the password is looked at: trying many at once gains nothing.
-            tries.spend(session, studio.now(), email)
+            tries.spend(session, studio.now(), email, came_from)
             account = by_address(session, email)
         is_right = is_password_of(account, password)
     if account is None or account.disabled_at is not None or not is_right:
-        _note_failure(studio, email, is_known=account is not None)
+        _note_failure(studio, email, came_from, is_known=account is not None)
         raise SignInRequiredError("that address and password do not belong together")
     token = new_secret()
     with studio.database.write() as session:
@@ -135,7 +137,7 @@ def sign_in(studio: Studio, email: str, password: str) -> str:
         if still.password_hash != account.password_hash or still.disabled_at is not None:
             # Changed while this password was looked at: that change ended every sign-in.
             raise SignInRequiredError("that address and password do not belong together")
-        tries.forgive(session, email)
+        tries.forgive(session, email, came_from)
         session.execute(delete(SignIn).where(SignIn.expires_at < now))
         session.add(
             SignIn(
@@ -149,11 +151,11 @@ def sign_in(studio: Studio, email: str, password: str) -> str:
     return token
 
 
-def _note_failure(studio: Studio, email: str, *, is_known: bool) -> None:
+def _note_failure(studio: Studio, email: str, came_from: tries.CameFrom, *, is_known: bool) -> None:
     with studio.database.write() as session:
         now = studio.now()
         # Something is written for either: an answer must not take longer where there is an account.
-        tries.was_wrong(session, now, email)
+        tries.was_wrong(session, now, email, came_from)
         if is_known:
             # Of an address that nobody has, nothing is kept: it may be anybody's, and strangers
             # could fill the trail, which nothing empties.

@@ -47,15 +47,17 @@ def change_password(studio: Studio, caller: Experimenter, old: str, new: str) ->
     ForbiddenError if the old one is wrong, or if the password was changed meanwhile,
     TooManyTriesError, TooManyPasswordsError, or ConflictError if the new one is too short.
     """
-    with hashing.one_at_a_time(studio):
+    # A browser that is signed in is known, and what strangers try does not keep it waiting.
+    came_from = tries.CameFrom(device=f"account {caller.account_id}")
+    with hashing.one_at_a_time(studio, came_from):
         with studio.database.write() as session:
-            tries.spend(session, studio.now(), caller.email)
+            tries.spend(session, studio.now(), caller.email, came_from)
             account = session.get_one(Account, caller.account_id)
         if not accounts.is_password_of(account, old):
             raise ForbiddenError("That is not the present password.")
         hashed = accounts.hashed_password(new)
     with studio.database.write() as session:
-        tries.forgive(session, caller.email)
+        tries.forgive(session, caller.email, came_from)
         now = accounts.held(session, caller.account_id)
         if now.password_hash != account.password_hash or now.disabled_at is not None:
             # A reset came in between: it must not be undone by someone who knew the old password.

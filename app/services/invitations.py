@@ -19,6 +19,7 @@ from .accounts import Role
 from .errors import ConflictError, InvitationError, NotFoundError
 from .studio import Studio
 from .tokens import new_secret, secret_hash
+from .tries import CameFrom
 
 LASTS = timedelta(days=7)
 
@@ -70,7 +71,8 @@ def accept(studio: Studio, token: str, password: str) -> str:
     the password is too short; TooManyPasswordsError.
     """
     invited = find(studio, token)
-    with hashing.one_at_a_time(studio):
+    # Only a link that is good comes as far as this.
+    with hashing.one_at_a_time(studio, CameFrom(device=f"invitation {invited.id}")):
         hashed = accounts.hashed_password(password)
     with studio.database.write() as session:
         now = studio.now()

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Annotated, Any
 
+from anyio import CapacityLimiter, to_thread
+from anyio.lowlevel import RunVar
 from fastapi import APIRouter, Form, Request
 from fastapi.responses import RedirectResponse, Response
 
-from app.services import accounts
+from app.services import accounts, hashing
 from app.services.errors import SignInRequiredError, TooManyError, TooManyTriesError
 from app.services.studio import Studio
 
+from . import known_devices
 from .desk import AnybodysForm
 from .problems import seconds_until
 from .security import (
@@ -24,6 +28,9 @@ from .security import (
 from .templating import page
 
 router = APIRouter(include_in_schema=False)
+
+#: For passwords that are looked at: of browsers that are not known, and of those that are.
+_THREADS: RunVar[tuple[CapacityLimiter, CapacityLimiter]] = RunVar("threads for sign-ins")
 
 
 @router.get("/")
@@ -41,15 +48,19 @@ def sign_in_page(
 
 
 @router.post("/sign-in", dependencies=[AnybodysForm])
-def sign_in(
+async def sign_in(
     request: Request,
     studio: StudioDep,
     email: Annotated[str, Form(max_length=254)],
     password: Annotated[str, Form(max_length=1000)],
     next: Annotated[str, Form()] = "/studies",  # noqa: A002
 ) -> Response:
+    came_from = known_devices.came_from(request, studio, email)
+    is_known = came_from.device is not None
+    check = partial(accounts.sign_in, studio, email, password, came_from)
     try:
-        token = accounts.sign_in(studio, email, password)
+        # In threads of its own: those that wait take none from other pages.
+        token = await to_thread.run_sync(check, limiter=_threads(is_known=is_known))
     except SignInRequiredError:
         return _sign_in_page(
             request, studio, next, "That address and password do not belong together.", status=401
@@ -66,7 +77,19 @@ def sign_in(
         token,
         max_age=int(accounts.SIGN_IN_LASTS.total_seconds()),
     )
+    known_devices.remember(request, response, studio, email)
     return response
+
+
+def _threads(*, is_known: bool) -> CapacityLimiter:
+    """Room for all that may wait for their turn, and some that are told to come back."""
+    try:
+        return _THREADS.get()[is_known]
+    except LookupError:
+        others = CapacityLimiter(hashing.WAITING + 16)
+        known = CapacityLimiter(hashing.KNOWN_WAITING + 16)
+        _THREADS.set((others, known))
+        return _THREADS.get()[is_known]
 
 
 @router.post("/sign-out", dependencies=[AnybodysForm])
@@ -119,8 +142,9 @@ def _too_many(studio: Studio, error: TooManyError) -> str:
 
 def too_many_tries(studio: Studio, error: TooManyTriesError) -> str:
     """When the next try counts, for somebody who may well be who they say they are."""
-    minutes = -(-seconds_until(studio, error) // 60)
-    wait = "in a minute" if minutes <= 1 else f"in {minutes} minutes"
+    seconds = seconds_until(studio, error)
+    minutes = -(-seconds // 60)
+    wait = f"in {seconds} s" if minutes <= 1 else f"in {minutes} minutes"
     return f"Too many tries for this address. Please try again {wait}."
 
 

@@ -275,6 +275,15 @@ def link_create(
     say_links(studio, entry_links.create(studio, slug, count, label), address)
 
 
+@link_app.command("pilot")
+def link_pilot(slug: Slug, address: Address = "", data_dir: DataDir = None) -> None:
+    """Make a link by which people try the study, without counting. It ends the one before it."""
+    from app.services import pilots
+
+    studio = studio_of(data_dir)
+    say_links(studio, [pilots.path_of(slug, pilots.make_link(studio, slug))], address)
+
+
 @app.command()
 def simulate(
     slug: Slug,

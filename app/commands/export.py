@@ -23,6 +23,7 @@ from .asking import DataDir, Slug, out, studio_of
 class Mode(StrEnum):
     live = "live"
     preview = "preview"
+    pilot = "pilot"
     simulated = "simulated"
     all = "all"
 

@@ -25,6 +25,7 @@ from . import (
     crowding,
     entry_links,
     failures,
+    pilots,
     places,
     recruitment,
     returning,
@@ -40,7 +41,7 @@ from .errors import (
     UndeclaredIdentifierError,
 )
 from .fault_counts import Kind, Where
-from .modes import LIVE, PREVIEW, SIMULATED
+from .modes import LIVE, PILOT, PREVIEW, SIMULATED
 from .state import State
 from .studio import Studio
 from .tokens import (
@@ -86,7 +87,8 @@ def entrance(
     """The study's consent. Raises NotFoundError, StudyNotOpenError, StudyFullError,
     TooManyBegunError or EntryLinkError.
 
-    entry: the token of a link that lets one person in, where the study wants one. ids: what the
+    entry: the token of a link that lets one person in, where the study wants one, or of the link of
+    its pilot. ids: what the
     link says of the person. mode: of the session that is to begin; whether the caller may begin it
     has been asked before.
     """
@@ -98,6 +100,8 @@ def entrance(
         if mode == LIVE:
             places.require(session, study, LIVE, studio.now())
             entry_links.require_unused(session, study, entry)
+        elif mode == PILOT:
+            pilots.require_link(session, study, entry)
     language = _language(study.plan, language)
     welcome = study.texts[language].get(WELCOME)
     return Entrance(
@@ -179,6 +183,8 @@ def start(
         if mode == LIVE:
             places.require(session, study, mode, now)
             entry_links.use(session, study, entry, now)
+        elif mode == PILOT and not by_experimenter:
+            pilots.require_link(session, study, entry)
         participant_id = joined.participant_id if joined is not None else None
         if participant_id is None:
             participant = Participant(
@@ -259,6 +265,8 @@ def _platform(plan: Plan) -> str | None:
 
 def _require_open(study: studies.StudyInfo, mode: str) -> None:
     if mode in (PREVIEW, SIMULATED):
+        return
+    if mode == PILOT and study.status == studies.DRAFT:
         return
     if study.status != studies.OPEN:
         is_draft = study.status == studies.DRAFT

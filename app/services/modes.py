@@ -6,9 +6,11 @@ from __future__ import annotations
 LIVE = "live"
 #: An experimenter looks at the pages that evaluators will see.
 PREVIEW = "preview"
+#: Somebody tries the study by a link of its own, before it counts.
+PILOT = "pilot"
 #: A program answers, on an experimenter's behalf.
 SIMULATED = "simulated"
 
-ALL = (LIVE, PREVIEW, SIMULATED)
+ALL = (LIVE, PREVIEW, PILOT, SIMULATED)
 #: Sessions in which a person answers.
-OF_PEOPLE = (LIVE, PREVIEW)
+OF_PEOPLE = (LIVE, PREVIEW, PILOT)

@@ -68,6 +68,8 @@ class Study(Base):
     closed_at: Mapped[datetime | None]
     # Since when an open study lets nobody in for a while.
     paused_at: Mapped[datetime | None]
+    # Hash of the secret in the link that lets people into a pilot; None while there is none.
+    pilot_link_hash: Mapped[str | None] = mapped_column(String(64), unique=True, index=True)
     # Names of conditions that new sessions are not given any more.
     conditions_off: Mapped[list[str]] = mapped_column(default=list, server_default="[]")
 
@@ -163,7 +165,7 @@ class SessionRow(Base):
 
     __tablename__ = "sessions"
     __table_args__ = (
-        one_of("mode", "live", "preview", "simulated"),
+        one_of("mode", "live", "preview", "pilot", "simulated"),
         one_of(
             "stage",
             "consent",

@@ -9,6 +9,8 @@ from fastapi import APIRouter, Depends, Response
 from app.services import access, admission, answers, participation, questionnaires, withdrawal
 from app.services.access import Right
 from app.services.answers import Answer, FaultReport
+from app.services.errors import ForbiddenError
+from app.services.modes import LIVE
 from app.services.queries import Happening
 from app.services.tokens import receipt_code
 from app.services.undoing import undo
@@ -56,7 +58,7 @@ of_session = APIRouter(
     response_model_exclude_unset=True,
     dependencies=[Depends(EXPERIMENTER)],
     responses=refusals(404, 409, 429, body=True),
-    # A token is needed for a simulated session only.
+    # A token is needed for sessions that do not count only.
     openapi_extra={"security": [{}]},
 )
 @in_line
@@ -64,13 +66,19 @@ def start_session(
     slug: str, body: StartSession, studio: StudioDep, caller: MaybeExperimenterDep
 ) -> Any:
     """Begin a session. The token is shown this once."""
+    by_experimenter = caller is not None and access.may(studio, caller, slug, Right.CHANGE)
+    if body.mode != LIVE and not by_experimenter:
+        raise ForbiddenError(
+            "expected an experimenter of the study, signed in or with an API token: nobody else may"
+            f" begin a session of the mode {body.mode!r} by a call"
+        )
     token, state = admission.start(
         studio,
         slug,
         external_ids=body.external_ids,
         mode=body.mode,
         language=body.language,
-        by_experimenter=caller is not None and access.may(studio, caller, slug, Right.CHANGE),
+        by_experimenter=by_experimenter,
         entry=body.entry,
     )
     return {"token": token, "receipt": receipt_code(token), "session": state}

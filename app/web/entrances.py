@@ -1,8 +1,8 @@
 """The addresses at which a study's pages are served: one for each mode of a session.
 
 `/s/SLUG` is for those who take part. `/preview/s/SLUG` serves the same pages to experimenters of
-the study alone. Each has a cookie of its own, so that a participant's link that is opened in a
-browser with a preview begins a session of its own.
+the study alone, and `/pilot/s/SLUG` to those who have the link of its pilot. Each has cookies of
+its own, so that a participant's link begins a session of its own in a browser with a preview.
 """
 
 from __future__ import annotations
@@ -12,16 +12,18 @@ from fastapi.responses import Response
 from starlette.concurrency import run_in_threadpool
 from starlette.datastructures import MutableHeaders
 
-from app.services import access, modes
+from app.services import access, modes, pilots
 from app.services.access import Right
 from app.services.errors import ForbiddenError
 
 from .security import optional_experimenter, session_cookie, studio_of
 
 #: What the address of a page begins with, and its cookie's name, for modes that are not live.
-PREFIXES = {modes.PREVIEW: "/preview"}
+PREFIXES = {modes.PREVIEW: "/preview", modes.PILOT: pilots.PREFIX}
 
 _SEPARATOR = "/"
+#: The cookies that a study's pages have, `pbpo_KIND_SLUG`: each mode has its own.
+_OF_A_STUDY = ("session", "entry", "ended", "deleted")
 
 
 def mode_of(request: Request) -> str:
@@ -70,29 +72,36 @@ async def require_admitted(request: Request, mode: str, slug: str) -> None:
 
 def cookie_of(mode: str, slug: str) -> str:
     """The name of the cookie that holds the token of a session in this mode."""
-    return session_cookie(slug) if mode == modes.LIVE else f"pbpo_{mode}_{slug}"
+    return _renamed(session_cookie(slug), mode)
 
 
 def take_in(request: Request, mode: str, slug: str) -> None:
-    """Let the pages find the cookie of this mode where they look for a session's."""
+    """Let the pages find the cookies of this mode where they look for those of a live session."""
     if mode == modes.LIVE:
         return
     cookies = request.cookies
-    cookies.pop(session_cookie(slug), None)
-    if own := cookies.get(cookie_of(mode, slug)):
-        cookies[session_cookie(slug)] = own
+    for name in (f"pbpo_{kind}_{slug}" for kind in _OF_A_STUDY):
+        cookies.pop(name, None)
+        if own := cookies.get(_renamed(name, mode)):
+            cookies[name] = own
 
 
 def send_out(response: Response, mode: str, slug: str) -> None:
     """Put the cookie and the redirects of a page under the address of this mode."""
     if mode == modes.LIVE:
         return
-    here, cookie = f"/s/{slug}", f"{session_cookie(slug)}="
+    here = f"/s/{slug}"
     headers = MutableHeaders(raw=response.raw_headers)
     location = headers.get("location", "")
     if location == here or location.startswith((f"{here}?", f"{here}/")):
         headers["location"] = f"{PREFIXES[mode]}{location}"
+    ours = {f"pbpo_{kind}_{slug}" for kind in _OF_A_STUDY}
     for index, (name, value) in enumerate(response.raw_headers):
-        if name == b"set-cookie" and value.startswith(cookie.encode("latin-1")):
-            renamed = f"{cookie_of(mode, slug)}=".encode("latin-1") + value[len(cookie) :]
-            response.raw_headers[index] = (name, renamed)
+        cookie, equals, rest = value.decode("latin-1").partition("=")
+        if name == b"set-cookie" and cookie in ours:
+            renamed = f"{_renamed(cookie, mode)}{equals}{rest}"
+            response.raw_headers[index] = (name, renamed.encode("latin-1"))
+
+
+def _renamed(name: str, mode: str) -> str:
+    return name if mode == modes.LIVE else name.replace("pbpo_", f"pbpo_{mode}_", 1)

@@ -32,7 +32,7 @@ router = APIRouter(
     generate_unique_id_function=short_id,
 )
 
-Mode = Literal["live", "preview", "simulated", "all"]
+Mode = Literal["live", "preview", "pilot", "simulated", "all"]
 ReportForm = Literal["html", "pdf"]
 FormatName = Literal["csv", "psych-ds", "botorch", "optuna"]
 #: A form sends a day that was not filled in as an empty text.

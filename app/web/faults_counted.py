@@ -58,7 +58,7 @@ async def _count(scope: Scope, status: int) -> None:
 
 def _kind(path: str, status: int) -> Kind | None:
     """What failed, where it is somebody who takes part that it failed for."""
-    is_page = path.startswith("/s/")
+    is_page = path.startswith(("/s/", "/pilot/s/"))
     is_call = path.startswith("/api/v1/session") or _BEGINNING.fullmatch(path) is not None
     is_video = path.startswith("/media/")
     if status == _TOO_MANY:

@@ -175,7 +175,7 @@ def _answer(request: Request, kind: Kind, detail: str, **extra: Any) -> Response
     if _is_api(request):
         return problem(kind, detail, **extra)
     title, language = kind.title, DEFAULTS["language"]
-    if request.url.path.startswith("/s/"):
+    if request.url.path.startswith(("/s/", "/pilot/s/")):
         language = languages.of_reader(request, spoken())
         title = translated(_EVALUATORS_TITLES.get(kind.status, _OTHER_TITLE), language)
         advice = _NOTHING_HERE if kind.status == 404 else _ADVICE.get(kind.name, _NOT_NOW)

@@ -8,7 +8,7 @@ from typing import Annotated, Any, get_args
 from fastapi import APIRouter, Form, Request
 from fastapi.responses import RedirectResponse, Response
 
-from app.services import entry_links, lifecycle, places
+from app.services import entry_links, lifecycle, pilots, places
 from app.services.accounts import Experimenter
 from app.services.errors import ConflictError
 from app.services.studies import StudyInfo
@@ -58,6 +58,25 @@ def make_links(
     return _recruit(request, studio, caller, study, made=[f"{base}{path}" for path in paths])
 
 
+@router.post("/studies/{slug}/pilot/link", dependencies=[OwnForm])
+def make_pilot_link(
+    study: ChangeOf, request: Request, studio: StudioDep, caller: SignedIn
+) -> Response:
+    """A new link to the study's pilot, shown in this answer and never again."""
+    try:
+        token = pilots.make_link(studio, study.slug, caller.email)
+    except ConflictError as error:
+        return _recruit(request, studio, caller, study, refused=str(error))
+    path = pilots.path_of(study.slug, token)
+    return _recruit(request, studio, caller, study, pilot_link=f"{base_url(request)}{path}")
+
+
+@router.post("/studies/{slug}/pilot/end", dependencies=[OwnForm])
+def end_pilot_link(study: ChangeOf, studio: StudioDep, caller: SignedIn) -> Response:
+    pilots.end_link(studio, study.slug, caller.email)
+    return RedirectResponse(f"/studies/{study.slug}/recruit", status_code=303)
+
+
 @router.post("/studies/{slug}/conditions", dependencies=[OwnForm])
 def switch(
     study: ChangeOf,
@@ -83,8 +102,10 @@ def _recruit(
     *,
     refused: str | None = None,
     made: Sequence[str] = (),
+    pilot_link: str | None = None,
 ) -> Response:
     with studio.database.read() as session:
+        has_pilot = pilots.has_link(session, study.id)
         taken = places.by_order(session, study, LIVE, studio.now()).total()
     recruitment = study.plan.recruitment
     address = f"{base_url(request)}/s/{study.slug}"
@@ -97,6 +118,8 @@ def _recruit(
         status_code=200 if refused is None else 409,
         refused=refused,
         made=made,
+        pilot_link=pilot_link,
+        has_pilot=has_pilot,
         most_links=MOST_LINKS,
         platform=recruitment.label,
         links=_links(recruitment, address),

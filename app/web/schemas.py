@@ -72,7 +72,7 @@ class StartSession(_In):
     entry: Plain | None = Field(
         None, max_length=64, description="Token of a single-use link, where the study wants one."
     )
-    mode: Literal["live", "preview", "simulated"] = "live"
+    mode: Literal["live", "preview", "pilot", "simulated"] = "live"
     language: Plain | None = Field(None, max_length=12)
 
 

@@ -84,6 +84,8 @@ def _banner(request: Request, slug: str) -> dict[str, Any]:
     mode = entrances.mode_of(request)
     if mode == modes.LIVE:
         return {"mode": mode}
+    if mode != modes.PREVIEW:
+        return {"mode": mode, "study_url": "", "csrf_token": "", "preview_languages": []}
     plan = studies.find(studio_of(request), slug).plan
     return {
         "mode": mode,

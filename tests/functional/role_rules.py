@@ -99,6 +99,10 @@ PREVIEW = Rule(
     "a preview, by the right to change the study",
     {**dict.fromkeys(("nobody", "other", "reviewer", "read token"), 403)},
 )
+#: In a pilot no account makes a difference; to begin one takes its link, which nobody here has.
+PILOT = rule("a pilot")
+NO_LINK = Rule("whoever has the link of the pilot", dict.fromkeys(CALLERS, 403))
+_FIRST_PAGES = (("GET", ""), ("GET", "/consent"), ("POST", "/consent"))
 NO_SESSION = Rule("whoever holds the session's token", dict.fromkeys(CALLERS, 401))
 
 #: A job of the owner's.
@@ -134,9 +138,10 @@ RULES: Mapping[str, Rule] = {
     "POST /s/{slug}/delete": ANYBODY,
     "GET /s/{slug}/deleted": ANYBODY,
     "GET /s/{slug}/privacy": ANYBODY,
-    # The same pages in a preview.
+    # The same pages in a preview, and in a pilot, for whose first page one needs its link.
     **{
-        f"{method} /preview/s/{{slug}}{page}": PREVIEW.with_(form=form)
+        f"{method} {prefix}/s/{{slug}}{page}": rule.with_(form=form)
+        for prefix, rule in (("/preview", PREVIEW), ("/pilot", PILOT))
         for method, page, form in (
             ("GET", "", {}),
             ("GET", "/consent", {}),
@@ -153,7 +158,9 @@ RULES: Mapping[str, Rule] = {
             ("GET", "/deleted", {}),
             ("GET", "/privacy", {}),
         )
+        if prefix == "/preview" or (method, page) not in _FIRST_PAGES
     },
+    **{f"{method} /pilot/s/{{slug}}{page}": NO_LINK for method, page in _FIRST_PAGES},
     # Of a session: none of the callers here has one, and an account opens none.
     **{
         f"{method} /api/v1/session{step}": NO_SESSION.with_(json=body)
@@ -244,6 +251,8 @@ RULES: Mapping[str, Rule] = {
     "POST /studies/{slug}/texts": CHANGE_FORM,
     "POST /studies/{slug}/links": CHANGE_FORM,
     "POST /studies/{slug}/conditions": CHANGE_FORM,
+    "POST /studies/{slug}/pilot/link": CHANGE_FORM,
+    "POST /studies/{slug}/pilot/end": CHANGE_FORM,
     "POST /studies/{slug}/simulate": CHANGE_FORM,
     "GET /studies/{slug}/people/delete": CHANGE.with_(query={"participant": "P-1"}),
     "POST /studies/{slug}/people/delete": CHANGE_FORM.with_(form={"participant": "P-1"}),

@@ -128,7 +128,7 @@ def test_no_preview_is_given_a_code(
     recruit(CODES)
     desk = Desk(client, studio, EMAIL, Role.ADMIN)
     session = client.start(mode="preview").to_stage(end, clock.forward)
-    client.cookies.set("pbpo_preview_short", session.token)
+    client.cookies.set("pbpo_preview_session_short", session.token)
     page = client.get(HERE)
     assert page.status_code == 200
     declined = client.post(f"{HERE}/decline")

@@ -69,7 +69,7 @@ def test_where_anybody_may_an_account_makes_no_difference(house: House, route: s
         route
         for route, rule in RULES.items()
         if route.startswith("POST ")
-        and not route.startswith(("POST /api/", "POST /s/", "POST /preview/s/"))
+        and not route.startswith(("POST /api/", "POST /s/", "POST /preview/s/", "POST /pilot/s/"))
         and rule is not ANYBODY
     ],
 )

@@ -15,6 +15,7 @@ from sqlalchemy.orm import Session
 
 from app.services import query_state
 from app.services import state as session_state
+from app.services.modes import LIVE
 from app.services.proposals import Clip
 from app.services.state import State
 from app.services.studies import StudyInfo
@@ -68,6 +69,7 @@ def _made_up(session: Session, study: StudyInfo, language: str) -> SessionRow:
         plan=version,
         plan_id=version.id,
         participant_id=_NOBODY,
+        mode=LIVE,
         language=language,
         seed=_SEED,
         trial_conditions=[

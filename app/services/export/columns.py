@@ -87,7 +87,7 @@ STUDY = text("study", "Slug of the study.")
 PLAN_HASH = text("plan_hash", "SHA-256 of the plan, texts and recordings the session ran under.")
 PARTICIPANT = text("participant_id", "Pseudonym of the participant.")
 SESSION = text("session_id", "Pseudonym of the session: one passage through the study.")
-MODE = text("mode", "live, preview or simulated.")
+MODE = text("mode", "live, preview, pilot or simulated.")
 TRIAL = integer("trial_index", "Number of the trial in the session, from 0; -1 for the practice.")
 QUERY = integer("query_index", "Number of the query within the trial, from 0.")
 

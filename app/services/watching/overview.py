@@ -49,7 +49,7 @@ def modes_of(mode: str) -> tuple[str, ...]:
 
 
 def overview(studio: Studio, study: StudyInfo, mode: str) -> Overview:
-    """The study's sessions in a mode (live, preview, simulated, all)."""
+    """The study's sessions in a mode (live, preview, pilot, simulated, all)."""
     modes = modes_of(mode)
     # The stamp first: what changes meanwhile shows as a change afterwards.
     now = stamp(studio, study.id, modes, study.plan.lease_minutes)

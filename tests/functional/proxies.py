@@ -58,7 +58,7 @@ class Caddy(Proxy):
 
 
 class Nginx(Proxy):
-    """With deploy/nginx/pbpo.conf in a server, but for the address and the folder named there."""
+    """With the files of deploy/nginx, but for the address and the folder named there."""
 
     def command(self, server: str, above: Path, folder: Path) -> tuple[list[str], dict[str, str]]:
         shipped = (ROOT / "deploy" / "nginx" / "pbpo.conf").read_text("utf-8")
@@ -70,10 +70,11 @@ class Nginx(Proxy):
             f"{kind}_temp_path {folder}/{kind};"
             for kind in ("client_body", "proxy", "fastcgi", "uwsgi", "scgi")
         )
+        limit = ROOT / "deploy" / "nginx" / "sign_in_limit.conf"
         file = folder / "nginx.conf"
         file.write_text(
             f"daemon off; master_process off; pid {folder}/pid; error_log stderr; events {{}}"
-            f" http {{ access_log off; {held} server {{"
+            f" http {{ access_log off; {held} include {limit}; server {{"
             f" listen {urlsplit(self.url).netloc}; include {folder}/pbpo.conf; }} }}"
         )
         return [_program("nginx"), "-c", str(file), "-p", str(folder)], {}

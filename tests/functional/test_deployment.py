@@ -16,6 +16,7 @@ from app.services.errors import ConflictError
 from app.services.settings import SECRETS_DIR, Settings
 from app.services.stores.opening import OWN_AT_PROXY, RENDERED_AT_PROXY
 from app.storage.schema import migrate
+from app.video.limits import PROBING, TRANSCODING
 from tests.databases import PostgresServer
 
 from .apart import server
@@ -69,6 +70,21 @@ def test_every_service_has_as_few_rights_as_it_can(compose: dict[str, Any]) -> N
         assert re.fullmatch(r"[a-z-]+:\d[\w.-]*", service["image"]), name
         # Only what evaluators open can be reached from outside.
         assert ("ports" in service) == (name == "caddy")
+
+
+def test_no_service_takes_the_memory_of_the_others(compose: dict[str, Any]) -> None:
+    units = {"m": 1 << 20, "g": 1 << 30}
+    limits = {}
+    for name, service in compose["services"].items():
+        said = service["mem_limit"]
+        limits[name] = int(said[:-1]) * units[said[-1]]
+        # Nor does it swap instead.
+        assert service["memswap_limit"] == said, name
+    # What a decoder of videos may take has to fit beside the process that began it.
+    for name in ("app", "worker"):
+        assert limits[name] >= PROBING.memory_bytes + (1 << 29), name
+        assert limits[name] >= TRANSCODING.memory_bytes + (1 << 29), name
+    assert sum(limits.values()) <= 10 << 30
 
 
 def test_what_a_service_keeps_is_in_a_named_volume(compose: dict[str, Any]) -> None:

@@ -20,6 +20,9 @@ const REST_MS = 800;
 /** How often the two are compared while they play. */
 const COMPARE_MS = 200;
 
+/** Comparisons in a row that find a video halted, after which both go on: what halts one is not always the page. */
+const MOST_HALTED = 3;
+
 /** Differences of the two clocks, in seconds: left alone below the first, closed by a jump above the second. */
 const TOLERATED_S = 0.008;
 const JUMP_S = 0.5;
@@ -40,6 +43,7 @@ export class Pair {
   /** @type {Map<string, number>} */
   #playingAt = new Map();
   #hasPlayed = false;
+  #halted = 0;
   /** @type {ReturnType<typeof setTimeout> | undefined} */
   #rest;
 
@@ -226,7 +230,24 @@ export class Pair {
     }
   }
 
+  /** A video that something else paused (an extension, the system): both go on from where the one behind stands. */
+  #resumeHalted() {
+    const isHalted =
+      this.phase === "playing" &&
+      this.#hasPlayed &&
+      document.visibilityState !== "hidden" &&
+      this.videos.some((video) => video.paused && !video.ended) &&
+      this.videos.every((video) => !video.seeking);
+    this.#halted = isHalted ? this.#halted + 1 : 0;
+    if (this.#halted === MOST_HALTED) {
+      this.#halted = 0;
+      this.listener.onEvent("halted", null);
+      this.#goOn();
+    }
+  }
+
   #keepTogether() {
+    this.#resumeHalted();
     const [left, right] = this.videos;
     const running = this.videos.every((video) => !video.paused && !video.ended && !video.seeking && video.readyState >= 3);
     if (this.phase !== "playing" || !running) {

@@ -27,8 +27,15 @@ const ASK_AHEAD_S = [1, 2, 4, 8];
 /** Pairs in a row that may be replaced because a video is missing: if nothing is there, nobody must be led in circles. */
 const MOST_MISSING = 3;
 
+/** Pairs in a row that were set aside without playing, or milliseconds without one that plays, after which no other will. */
+const MOST_UNPLAYED = 3;
+const UNPLAYED_MS = 60_000;
+
 /** How long, once the new pair plays, the page still says what became of the one before; or says it before it goes. */
 const SAY_BEFORE_S = 4;
+
+/** How often it is looked at whether anything plays at all. */
+const LOOK_MS = 5_000;
 
 /** If a pair takes longer than this to play, the page says which one it is all the same. */
 const SAY_ANYWAY_MS = 1500;
@@ -55,6 +62,9 @@ let turn = 0;
 let shownAt = 0;
 let sending = false;
 let missing = 0;
+/** Pairs in a row that did not play, and when the first of them came. */
+let unplayed = 0;
+let unplayedSince = 0;
 /** Whether both videos of this pair were seen to their end, or need not be. */
 let seen = true;
 /** Whether this pair has played for so long that a press is meant for it. */
@@ -64,6 +74,7 @@ const pair = new Pair(within(stage, '.player[data-side="left"]'), within(stage, 
   onFirstPlaying(at) {
     evidence.bothPlaying(at);
     missing = 0;
+    unplayed = 0;
     const mine = turn;
     const settle = () => {
       if (mine === turn) {
@@ -94,6 +105,8 @@ const pair = new Pair(within(stage, '.player[data-side="left"]'), within(stage, 
     missing += 1;
     if (missing <= MOST_MISSING) {
       setAside(`the ${side} video is missing`);
+    } else {
+      sayNothingPlays();
     }
   },
   onEvent: (event, side, value) => evidence.add(event, side, value ?? null),
@@ -111,6 +124,9 @@ function show() {
   query = /** @type {import("./api.js").Query} */ (state.query);
   turn += 1;
   shownAt = now();
+  if (unplayed === 0) {
+    unplayedSince = shownAt;
+  }
   sending = false;
   settled = false;
   seen = !query.watch_once;
@@ -316,7 +332,32 @@ async function setAside(how) {
       }
     }
   }
-  arrive(next, gettext("That pair was set aside. Here is another one."));
+  unplayed += pair.hasPlayed ? 0 : 1;
+  if (unplayed < MOST_UNPLAYED) {
+    arrive(next, gettext("That pair was set aside. Here is another one."));
+  } else {
+    arrive(next);
+    sayNothingPlays();
+  }
+}
+
+/** Another pair would not help: what may, and the way out, for as long as nothing plays. */
+function sayNothingPlays() {
+  const leave = document.querySelector('[data-testid="withdraw"]');
+  warn(
+    gettext("No video plays here. Your network, or a blocker in your browser, may be stopping them: try another network, or allow this site. If that does not help, please stop here and tell the people who run this study."),
+    gettext("Stop taking part"),
+    () => leave instanceof HTMLAnchorElement && leave.click(),
+  );
+  const mine = turn;
+  whenPlays(mine).then(() => mine === turn && (notice.hidden = true));
+}
+
+/** @param {number} mine the pair that is waited for; another one ends the wait */
+async function whenPlays(mine) {
+  while (mine === turn && !pair.hasPlayed) {
+    await pause(0.2);
+  }
 }
 
 /**
@@ -347,9 +388,7 @@ async function arrive(next, told = "") {
   }
   warn(told);
   const mine = turn;
-  while (mine === turn && !pair.hasPlayed) {
-    await pause(0.2);
-  }
+  await whenPlays(mine);
   await pause(SAY_BEFORE_S);
   if (mine === turn) {
     notice.hidden = true;
@@ -481,6 +520,13 @@ listenForKeys({
   },
   " ": (event) => { playAgain(event); return true; },
 });
+
+setInterval(() => {
+  const isWaiting = !pair.hasPlayed && start.hidden && !sending && notice.hidden && document.visibilityState !== "hidden";
+  if (isWaiting && now() - unplayedSince > UNPLAYED_MS) {
+    sayNothingPlays();
+  }
+}, LOOK_MS);
 
 // Back from another tab, from sleep, or from the browser's own cache: is this still the pair?
 document.addEventListener("visibilitychange", () => {

@@ -94,3 +94,50 @@ def test_a_pair_that_halts_on_a_slow_line_says_so_and_plays_on_together(
     _, responses, events = stored(server)
     assert responses == ["right"]
     assert {"stall", "recovered"} <= set(events)
+
+
+def test_where_no_video_can_play_the_page_says_what_may_help_and_leads_out(
+    page: Page, serve: Callable[[str], Server]
+) -> None:
+    server = serve(SMALL_PLAN)
+    enter_small(page, f"{server.url}/s/small")
+    page.route("**/media/**", lambda route: route.abort())
+    page.context.new_cdp_session(page).send("Network.clearBrowserCache")
+    page.reload()
+    for _ in range(2):
+        page.wait_for_timeout(1000)
+        page.get_by_test_id("fault").click()
+        expect(page.get_by_text("Here is another one")).to_be_visible()
+    page.wait_for_timeout(1000)
+    page.get_by_test_id("fault").click()
+    expect(page.get_by_text("No video plays here.")).to_be_visible()
+    expect(page.get_by_text("Here is another one")).to_be_hidden()
+    page.unroute("**/media/**")
+    watch(page)
+    expect(page.get_by_text("No video plays here.")).to_be_hidden()
+    page.route("**/media/**", lambda route: route.abort())
+    page.context.new_cdp_session(page).send("Network.clearBrowserCache")
+    page.reload()
+    for _ in range(3):
+        page.wait_for_timeout(1000)
+        page.get_by_test_id("fault").click()
+    page.locator("#notice-action").click()
+    expect(page).to_have_url(f"{server.url}/s/small/withdraw")
+
+
+def test_a_video_that_something_else_pauses_plays_on_with_the_other(
+    page: Page, serve: Callable[[str], Server]
+) -> None:
+    server = serve(SMALL_PLAN + "query: {watch_once: true}\n")
+    page.goto(f"{server.url}/s/small")
+    page.get_by_test_id("consent").click()
+    page.get_by_test_id("continue").click()
+    page.wait_for_function(
+        """() => document.querySelector('[data-testid="video-right"]').currentTime > 0.3"""
+    )
+    page.get_by_test_id("video-right").evaluate("(video) => video.pause()")
+    expect(page.get_by_test_id("answer-left")).to_be_enabled()
+    answer(page, "left", by="key")
+    _, responses, events = stored(server)
+    assert responses == ["left"]
+    assert "halted" in events

@@ -35,6 +35,7 @@ from . import (
 from . import state as session_state
 from .errors import (
     ForbiddenError,
+    SignedLinkError,
     SignInRequiredError,
     StudyNotOpenError,
     StudyPausedError,
@@ -136,6 +137,7 @@ def start(
     entry: str | None = None,
     after: str | None = None,
     arrival: str = "",
+    is_signed: bool = False,
 ) -> tuple[str, State]:
     """Begin a session: a token, shown this once, and its state.
 
@@ -143,7 +145,8 @@ def start(
 
     after: the token of a session that was left for too long, where the study lets one begin anew.
     arrival: the random value of the consent form that begins the session; sent again, the form
-    leads into the session that it began.
+    leads into the session that it began. is_signed: whether the platform's signature on the ids was
+    verified.
     Raises AlreadyTakenPartError where the study does not let a person in twice, KnownPersonError
     where somebody of these ids has begun, EntryLinkError where the study wants a link for each
     person and this one lets nobody in, and TooManyBegunError.
@@ -162,6 +165,8 @@ def start(
         if begun_already is not None:
             return token, session_state.describe(studio, session, begun_already)
         study = studies.read(session, slug)
+        if mode == LIVE and not by_experimenter:
+            _require_signed(study.plan, is_signed=is_signed)
         given = _given(study.plan, external_ids or {})
         ids = given.ids
         joined = _left_behind(studio, session, study, after) if after is not None else None
@@ -261,6 +266,14 @@ def _given(plan: Plan, came: Mapping[str, str]) -> Given:
 def _platform(plan: Plan) -> str | None:
     name = plan.recruitment.platform
     return None if name == rules.NO_PLATFORM else name
+
+
+def _require_signed(plan: Plan, *, is_signed: bool) -> None:
+    if plan.recruitment.signed_links and not is_signed:
+        raise SignedLinkError(
+            "expected somebody who comes by a link that the platform signed: by the API nobody but"
+            " experimenters begins a session of this study"
+        )
 
 
 def _require_open(study: studies.StudyInfo, mode: str) -> None:

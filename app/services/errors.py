@@ -68,6 +68,10 @@ class EntryLinkError(ForbiddenError):
         self.is_used = is_used
 
 
+class SignedLinkError(ForbiddenError):
+    """The study lets people in by links that their platform signed, and this is none."""
+
+
 class UndeclaredIdentifierError(ServiceError):
     """An identifier of a participant came under a key that the study's plan does not declare."""
 

@@ -83,6 +83,13 @@ class Settings(BaseSettings):
             " browser that asks has asked for."
         ),
     ] = ""
+    prolific_keys: Annotated[
+        str,
+        Field(
+            description="Where the public keys (JWKS) are that Prolific signs links with, for"
+            " studies with signed_links: an https address, or a file."
+        ),
+    ] = "https://api.prolific.com/.well-known/study/jwks.json"
     secure_cookies: Annotated[
         bool,
         Field(

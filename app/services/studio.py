@@ -23,6 +23,7 @@ from .fault_counts import FaultCounts
 from .in_process import InProcess
 from .ledger import Ledger
 from .measurements import Measurements
+from .platform_keys import PlatformKeys
 from .proposals import Proposer
 from .recordings import Recordings
 from .server_secret import ServerSecret
@@ -52,6 +53,8 @@ class Studio:
     secret: ServerSecret
     #: What a session knows a recording as.
     addresses: VideoAddresses
+    #: What links that a platform signs are verified by.
+    platform_keys: PlatformKeys
     now: Callable[[], datetime]
     seed: Callable[[], int]
     #: What failed while people took part, until it is written.
@@ -116,6 +119,7 @@ def open_studio(
         ledger=Ledger(settings.ledger_path),
         secret=secret,
         addresses=VideoAddresses(secret),
+        platform_keys=PlatformKeys(settings.prolific_keys),
         now=now,
         faults=FaultCounts(database, now),
         seed=seed,

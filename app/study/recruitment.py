@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from typing import Annotated, Literal
 from urllib.parse import parse_qsl, quote, urlencode, urlsplit, urlunsplit
 
-from pydantic import Field, StrictStr, StringConstraints
+from pydantic import Field, StrictBool, StrictStr, StringConstraints
 
 from app.study import identifiers
 from app.study.identifiers import Given
@@ -96,6 +96,12 @@ class Recruitment(Part):
     links: Literal["open", "single-use"] = Field(default="open", description="open or single-use")
     returning: Literal["resume", "block", "again"] = Field(
         default="resume", description="resume, block or again"
+    )
+    signed_links: StrictBool = Field(
+        default=False,
+        # Plans that do not want it keep the hash that they had before there was such a thing.
+        exclude_if=lambda wanted: not wanted,
+        description="true or false: whether only links that the platform has signed let people in",
     )
 
     @property
@@ -228,6 +234,9 @@ def disagreements(plan: Mapping[str, object]) -> Iterator[Inconsistency]:
     if platform != NO_PLATFORM and said.get("links", "open") != "open":
         message = f"expected open for platform {platform}, whose link is the same for everybody"
         yield Inconsistency((*place, "links"), message)
+    if platform != "prolific" and said.get("signed_links", False) is not False:
+        message = f"expected it for platform prolific alone, got platform {platform}"
+        yield Inconsistency((*place, "signed_links"), message)
     default = Recruitment.model_fields["parameter"].default
     if platform != "sona" and said.get("parameter", default) != default:
         message = f"expected it for platform sona alone, got platform {platform}"

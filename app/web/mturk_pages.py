@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from fastapi import Request
 from fastapi.responses import Response
+from starlette.datastructures import QueryParams
 
 from app.services import admission, modes, studies
 from app.services.studio import Studio
@@ -17,11 +18,15 @@ from . import entrances, languages
 from .security import POLICY, content_security_policy
 from .session_pages import render
 
+#: In the address that the door leads to, for browsers that send no Sec-Fetch-Dest.
+OPENED = "opened_in"
+
 
 def outside_the_study(request: Request, slug: str, studio: Studio) -> Response | None:
     """The page for Mechanical Turk's frame; None for whoever is in a window of our own."""
     given = request.query_params
-    in_frame = request.headers.get("sec-fetch-dest") == "iframe"
+    where = request.headers.get("sec-fetch-dest")
+    in_frame = where == "iframe" or (where is None and _is_accepted(given))
     if entrances.mode_of(request) != modes.LIVE:
         return None
     if "assignmentId" not in given and not in_frame:
@@ -41,8 +46,15 @@ def outside_the_study(request: Request, slug: str, studio: Studio) -> Response |
         language=entrance.language,
         html=entrance.consent["html"],
         is_preview=is_preview,
+        # A browser that does not say where it shows a page says by this that it is in no frame.
+        query_string=f"?{request.url.query}" + ("" if where else f"&{OPENED}=window"),
     )
     response.headers[POLICY] = content_security_policy(
         studio.recordings.origin, frame_ancestors=MTURK_FRAMES
     )
     return response
+
+
+def _is_accepted(given: QueryParams) -> bool:
+    """Whether the link is Mechanical Turk's own of an accepted task, and not yet the door's."""
+    return "assignmentId" in given and "turkSubmitTo" in given and OPENED not in given

@@ -118,6 +118,7 @@ def _enter(
     entry = arrivals.entry(request)
     given = arrivals.given(request, slug, studio)
     ids = given.ids
+    is_signed = arrivals.require_signed(request, slug, studio)
     language = _language(request, slug, studio)
     try:
         entrance = admission.entrance(
@@ -140,6 +141,7 @@ def _enter(
             entry=entry,
             after=after,
             arrival=arrival,
+            is_signed=is_signed,
         )
     except (EntryLinkError, AlreadyTakenPartError, KnownPersonError) as error:
         return turned_away.refused(request, slug, studio, error)
@@ -195,6 +197,7 @@ def _arrival(
     request: Request, slug: str, studio: Studio, *, past_welcome: bool = False
 ) -> Response:
     """Somebody without a session in this browser: a newcomer, or known by what the link says."""
+    arrivals.require_signed(request, slug, studio)
     try:
         returning.require_unknown(studio, slug, arrivals.given(request, slug, studio).ids)
     except (AlreadyTakenPartError, KnownPersonError) as error:

@@ -56,6 +56,7 @@ KINDS: tuple[tuple[type[Exception], Kind], ...] = (
     (errors.SessionExpiredError, Kind(401, "session-expired", "The session has expired")),
     (errors.SignInRequiredError, Kind(401, "unauthenticated", "Not signed in")),
     (errors.EntryLinkError, Kind(403, "entry-link", "A personal link is needed")),
+    (errors.SignedLinkError, Kind(403, "signed-link", "A link that the platform signed is needed")),
     (errors.ForbiddenError, Kind(403, "forbidden", "Not allowed")),
     (uploads.UploadRefusedError, Kind(422, "upload-refused", "This file cannot be taken")),
     (
@@ -94,11 +95,15 @@ _NOT_NOW = translatable(
 )
 #: What they can do about a refusal of this name.
 _ADVICE = {
+    "signed-link": translatable(
+        "This study is open to people whom Prolific sends. Please open it again from your page at"
+        " Prolific. If that does not help, tell the people who run the study."
+    ),
     "ids-refused": translatable(
         "This link does not say clearly who you are: a part of it came twice, or is too long."
         " Please open the study again from where you found it."
         " If that does not help, tell the people who run the study."
-    )
+    ),
 }
 _EVALUATORS_TITLES = {404: translatable("Not found"), 422: translatable("Not understood")}
 _OTHER_TITLE = translatable("That is not possible now")

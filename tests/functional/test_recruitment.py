@@ -224,9 +224,23 @@ def test_in_mturks_frame_the_study_opens_in_a_window_of_its_own(
     assert "frame-ancestors 'none'" in page.headers["content-security-policy"]
 
 
+def test_a_browser_that_says_nothing_of_frames_finds_the_door_and_then_the_study(
+    client: Api, recruit: Recruit
+) -> None:
+    recruit(MTURK)
+    link = f"?assignmentId=A1&{TURK}"
+    framed = client.get(f"/s/short{link}")
+    assert "frame-ancestors https://worker.mturk.com" in framed.headers["content-security-policy"]
+    opened = re.search(r'href="([^"]+)" target="_blank"', framed.text)
+    assert opened
+    page = client.get(html.unescape(opened[1]))
+    assert heading(page) == "Before you take part"
+    assert "frame-ancestors 'none'" in page.headers["content-security-policy"]
+
+
 def test_a_result_is_sent_to_mturk_by_a_form(client: Api, recruit: Recruit, clock: Clock) -> None:
     recruit(MTURK)
-    page = to_the_end_in_browser(client, f"?assignmentId=A1&{TURK}", clock)
+    page = to_the_end_in_browser(client, f"?assignmentId=A1&{TURK}&opened_in=window", clock)
     assert 'action="https://workersandbox.mturk.com/mturk/externalSubmit"' in page
     assert 'name="assignmentId" value="A1"' in page
     assert 'name="code" value="COMPLETE1"' in page

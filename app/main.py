@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager, nullcontext
+from contextlib import asynccontextmanager
 
 from fastapi import FastAPI, Request
 from fastapi.responses import RedirectResponse, Response
@@ -11,7 +11,7 @@ from fastapi.staticfiles import StaticFiles
 from starlette.types import Scope
 
 from app import __version__
-from app.services import forgetting, retention, unfinished
+from app.services import periodic_tasks
 from app.services.settings import Settings
 from app.services.studio import Studio, open_studio
 from app.web import (
@@ -84,8 +84,7 @@ def create_app(
     async def lifespan(_app: FastAPI) -> AsyncIterator[None]:
         # With workers apart, theirs is one sweep for all servers; each has a memory of its own.
         apart = opened.settings.workers_apart
-        sweeping = nullcontext() if apart else retention.swept_hourly(opened)
-        with sweeping, forgetting.kept_up(opened), unfinished.swept_hourly(opened):
+        with periodic_tasks.running(opened, of_the_studio=not apart):
             yield
         if closes:
             opened.close()

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import procrastinate
 
-from app.services import logs, safety, unfinished
+from app.services import logs, periodic_tasks, safety
 from app.services.in_process import InProcess
 from app.services.settings import Settings
 from app.services.studio import open_studio
@@ -50,7 +50,7 @@ def work(
     studio = open_studio(settings, background=InProcess(videos), works=JOBS)
     try:
         tasks = WorkerTasks(studio, TaskQueue(studio.database), pulse)
-        with unfinished.swept_hourly(studio):
+        with periodic_tasks.running(studio, of_the_studio=False):
             asyncio.run(_until_told(tasks, _Manner(videos, alive, pulse), ready))
     finally:
         studio.close()

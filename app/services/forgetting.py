@@ -7,19 +7,11 @@ it has worked out for all others. What was under way meanwhile is thrown away th
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
-
 from sqlalchemy import select
 
 from app.storage.tables import Trial
 
-from .repeating import repeated
 from .studio import Studio
-
-#: How long what was deleted elsewhere may be remembered, in seconds: what is asked each time is one
-#: look at the table of trials.
-PERIOD_S = 60.0
 
 
 def forget_deleted(studio: Studio) -> int:
@@ -33,10 +25,3 @@ def forget_deleted(studio: Studio) -> int:
     # A trial that is just beginning may be among them: it loses some milliseconds, and no more.
     studio.proposer.evict(gone)
     return len(gone)
-
-
-@contextmanager
-def kept_up(studio: Studio) -> Iterator[None]:
-    """Within this, what was deleted elsewhere is forgotten by itself."""
-    with repeated("forgetting", PERIOD_S, lambda _stopping: forget_deleted(studio)):
-        yield

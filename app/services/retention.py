@@ -9,30 +9,22 @@ it. Simulated sessions are nobody's, and stay.
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import partial
 
 from sqlalchemy import delete, select
-from sqlalchemy.exc import SQLAlchemyError
 from sqlalchemy.orm import Session
 
-from app.storage.alone import Alone, alone
 from app.storage.tables import Identity, Participant, PlanVersion, SessionRow, Study
 from app.study.retention import Due, Retention, due
 
-from . import audit, deletion, tidying
+from . import audit, deletion
 from .fault_counts import Kind, Where
 from .modes import OF_PEOPLE
-from .repeating import repeated
 from .studies import stored_plan
 from .studio import Studio
 
 log = logging.getLogger(__name__)
-
-#: Days are promised, so an hour more or less is kept well within the promise.
-PERIOD_S = 3600.0
 
 
 @dataclass
@@ -86,33 +78,12 @@ def run(
     return found
 
 
-@contextmanager
-def swept_hourly(studio: Studio) -> Iterator[None]:
-    """Within this, sweeps run: at once, and then every hour."""
-    with repeated("retention", PERIOD_S, partial(run_quietly, studio)):
-        yield
-
-
-def run_quietly(studio: Studio, stop: Callable[[], bool]) -> None:
-    """A sweep of the server's own: what goes wrong is logged, and tried again the next time.
-
-    Nothing is done while another server or worker is at it.
-    """
-    try:
-        with alone(studio.database, Alone.RETENTION) as is_alone:
-            if is_alone:
-                _sweep_all_quietly(studio, stop)
-    except SQLAlchemyError:
-        log.exception("whether another server sweeps could not be asked")
-
-
-def _sweep_all_quietly(studio: Studio, stop: Callable[[], bool]) -> None:
-    try:
-        for slug, swept in run(studio, stop=stop).items():
-            log.info("retention of %s: %s", slug, swept)
-    except Exception:
-        log.exception("the retention sweep failed")
-    tidying.run_quietly(studio, stop)
+def delete_due(studio: Studio, stop: Callable[[], bool]) -> int:
+    """Delete what is due, and log it by study; how many sessions and people's ids went."""
+    found = run(studio, stop=stop)
+    for slug, swept in found.items():
+        log.info("retention of %s: %s", slug, swept)
+    return sum(swept.sessions + swept.people_without_ids for swept in found.values())
 
 
 def _due(studio: Studio, session: Session, slug: str) -> _Found:

@@ -31,7 +31,7 @@ from app.storage.task_queue import (
     connector_of,
 )
 
-from . import jobs, recordings, retention
+from . import jobs, periodic_tasks, recordings
 from .apart import fault_of
 from .errors import StoreAwayError
 from .job_processes import JobProcesses
@@ -126,7 +126,7 @@ class WorkerTasks:
     async def _sweep(
         self, context: procrastinate.JobContext, /, timestamp: int = 0, **_noted: object
     ) -> None:
-        await asyncio.to_thread(retention.run_quietly, self._studio, self._stopping.is_set)
+        await asyncio.to_thread(periodic_tasks.run_all, self._studio, self._stopping.is_set)
         # Nobody waits for these any more.
         await context.app.job_manager.delete_old_jobs(
             _FAULTS_KEPT_H, include_failed=True, include_cancelled=True, include_aborted=True

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from sqlalchemy import func, select
 
-from app.services import entry_links, retention, unconsented
+from app.services import entry_links, periodic_tasks, unconsented
 from app.services.studies import StudyInfo
 from app.services.studio import Studio
 from app.storage.arrivals import Tombstone
@@ -160,7 +160,7 @@ def test_sessions_that_never_came_to_consent_are_gone_after_a_day(
     assert unconsented.count(studio) == 0
     clock.forward(1)
     assert unconsented.count(studio) == 1
-    retention.run_quietly(studio, lambda: False)
+    periodic_tasks.run_all(studio)
     assert (rows(studio, SessionRow), rows(studio, Participant)) == (2, 2)
     assert (rows(studio, Identity), rows(studio, Tombstone)) == (0, 0)
     answer = client.get("/api/v1/session", headers=left.headers)

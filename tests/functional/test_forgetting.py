@@ -5,12 +5,13 @@ from __future__ import annotations
 import asyncio
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from app.main import create_app
-from app.services import forgetting, withdrawal
+from app.services import forgetting, periodic_tasks, withdrawal
 from app.services.foreseen import StepCache
 from app.services.proposals import TrialInHand
 from app.services.settings import Settings
@@ -100,7 +101,8 @@ def test_a_server_forgets_by_itself_as_long_as_it_runs(
     person: Session,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(forgetting, "PERIOD_S", 0.01)
+    often = tuple(replace(task, period_s=0.01) for task in periodic_tasks.OF_EACH_PROCESS)
+    monkeypatch.setattr(periodic_tasks, "OF_EACH_PROCESS", often)
     server = create_app(studio=studio)
 
     async def run() -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from app.services import left_videos, lifecycle, retention, slugs, studies
+from app.services import left_videos, lifecycle, periodic_tasks, slugs, studies
 from app.services.errors import ConflictError
 from app.services.studio import Studio
 from tests.conftest import Clock
@@ -88,7 +88,7 @@ def test_what_a_study_that_was_refused_has_brought_goes_after_a_day(
     assert len(names(studio)) == 4
     age(studio, clock, days=2)
     # As the server does it each hour.
-    retention.run_quietly(studio, lambda: False)
+    periodic_tasks.run_all(studio)
     assert names(studio) == kept
 
 

@@ -8,7 +8,7 @@ from datetime import timedelta
 
 import pytest
 
-from app.services import audit, drafts, old_drafts, retention
+from app.services import audit, drafts, old_drafts, periodic_tasks
 from app.services.accounts import Role
 from app.services.studio import Studio
 from tests.conftest import Clock
@@ -35,7 +35,7 @@ def test_a_draft_is_thrown_away_after_days_without_a_change(
     clock.forward(30 * DAY - 1)
     assert old_drafts.sweep(studio) == 0
     clock.forward(1)
-    retention.run_quietly(studio, lambda: False)
+    periodic_tasks.run_all(studio)
     assert [draft.name for draft in drafts.mine(studio, desk.account)] == ["New"]
     assert not begun.folder.exists()
     assert drafts.text_of(changed, "notes.txt") == "still at it"

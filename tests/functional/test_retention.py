@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from sqlalchemy import select
 
-from app.services import audit, results, retention
+from app.services import audit, periodic_tasks, results, retention
 from app.services.retention import Swept
 from app.services.studies import StudyInfo
 from app.services.studio import Studio
@@ -209,7 +209,7 @@ def test_the_server_sweeps_when_it_starts(
 ) -> None:
     passage(client)
     clock.forward(20 * DAY)
-    with retention.swept_hourly(studio):
+    with periodic_tasks.running(studio, of_the_studio=True):
         deadline = time.monotonic() + 30
         while sessions(studio) and time.monotonic() < deadline:
             time.sleep(0.01)

@@ -101,13 +101,13 @@ RULE = "retention: {everything_days: 20}\n"
 SWEEP = """
 import sys, time
 from pathlib import Path
-from app.services import retention
+from app.services import periodic_tasks
 from app.services.settings import Settings
 from app.services.studio import open_studio
 studio = open_studio(Settings(database_url=sys.argv[1], data_dir=Path(sys.argv[2])))
 print("ready", flush=True)
 sys.stdin.readline()
-retention.run_quietly(studio, lambda: False)
+periodic_tasks.run_all(studio)
 studio.close()
 """
 

@@ -7,6 +7,9 @@ BIN := $(VENV)/bin
 # Packages are compiled when they are first used: most of what is in them never is.
 PIP := $(BIN)/python -m pip install --quiet --no-compile --disable-pip-version-check --constraint constraints.txt
 
+# Scripts of the pages are plain ES modules, without a package.json that says so.
+NODE_TEST := node --experimental-default-type=module --test-force-exit --test
+
 # As many processes as processors; one that has nothing left to do takes tests from another.
 PYTEST := $(BIN)/python -m pytest --numprocesses logical --dist worksteal
 
@@ -40,6 +43,7 @@ test: export PBPO_TEST_MEDIA_DIR ?= $(CURDIR)/build/test-media
 
 # The browsers come last: nothing else should take the machine from them.
 test: $(VENV)/.dev
+	$(NODE_TEST) tests/js
 	$(PYTEST) tests/unit tests/functional
 	$(PYTEST) --database postgresql tests/unit/storage tests/functional
 	$(PYTEST) tests/browser

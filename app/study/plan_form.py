@@ -9,10 +9,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from decimal import Decimal
 from typing import Any, get_args
 
 from ruamel.yaml.comments import CommentedMap
 
+from app.study import numbers
 from app.study.consistency import METHODS
 from app.study.plain import as_list, as_mapping
 from app.study.recruitment import Outcome
@@ -29,6 +31,8 @@ SINGLE = {
     "contact": "contact",
 }
 _NUMBERS = ("queries", "trials", "break", "places", "familiarisation")
+#: What no field takes.
+MOST_TYPED = 10**9
 OUTCOMES: tuple[str, ...] = get_args(Outcome)
 _ALLOWS_SKIP = {method.name: method.allows_skip for method in METHODS}
 #: More conditions than a session can go through.
@@ -95,7 +99,11 @@ def written(text: str, given: Fields) -> str:
             said = {**as_mapping(plain.get("familiarisation")), "videos": videos}
             put(data, "familiarisation", said if videos is not None else {"videos": 0})
         if changed & {"amount", "currency"}:
-            said = {key: _value(key, given.get(key, "")) for key in ("amount", "currency")}
+            before_it = as_mapping(plain.get("reward"))
+            said = {
+                key: _value(key, given.get(key, "")) if key in changed else before_it.get(key)
+                for key in ("amount", "currency")
+            }
             _put(data, "reward", {key: value for key, value in said.items() if value is not None})
         if any(field.partition(":")[0] in ("platform", "code", "url") for field in changed):
             _put(data, "recruitment", _recruitment(plain, given))
@@ -175,13 +183,17 @@ def _text(value: object, language: str, languages: list[str]) -> str:
 
 
 def _value(field: str, typed: str) -> object:
-    """A number where one was typed for a field of numbers; None where nothing was."""
+    """A number where one was typed for a field of numbers; None where nothing was.
+
+    What could mean two numbers stays the text that was typed, which the check names.
+    """
     typed = typed.strip()
-    if field in _NUMBERS and re.fullmatch(r"[0-9]{1,9}", typed):
-        return int(typed)
-    if field == "amount" and re.fullmatch(r"[0-9]{1,7}([.][0-9]{1,4})?", typed):
-        return float(typed)
-    return typed or None
+    number = numbers.read(typed) if field in _NUMBERS or field == "amount" else None
+    if not isinstance(number, Decimal) or not 0 <= number < MOST_TYPED:
+        return typed or None
+    if number == int(number):
+        return int(number)
+    return float(number) if field == "amount" else typed
 
 
 def _said(value: object) -> str:

@@ -1,12 +1,14 @@
 """Short questionnaires after a trial and at the end: their items, and what counts as an answer."""
 
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from decimal import Decimal
 from typing import Annotated, Literal
 
 from pydantic import Field, StrictBool, StrictInt, StrictStr
 
+from app.study import numbers
+from app.study.numbers import Doubtful
 from app.study.part import ONE_OR_MORE_TEXTS, LocalText, Part
 from app.study.plain import Inconsistency, Place, all_languages, as_list, as_mapping, repeats
 
@@ -16,7 +18,7 @@ LONGEST_TEXT = 2_000
 #: What only items of one type may say.
 _OF_TYPE = {"points": "likert", "labels": "likert", "min": "number", "max": "number"}
 
-Finite = Annotated[float, Field(allow_inf_nan=False)]
+Finite = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 
 
 class Item(Part):
@@ -55,11 +57,26 @@ class Questionnaires(Part):
 
 @dataclass(frozen=True)
 class AnswerFault:
-    """What is wrong with one answer; `kind` is missing, likert, number, text or unknown."""
+    """What is wrong with one answer.
+
+    kind: missing, likert, number, text or unknown; or doubtful, a number that could be any of
+    `readings`, each in ASCII with a point.
+    """
 
     item: str
     kind: str
     message: str
+    readings: tuple[str, ...] = ()
+
+
+def as_meant(typed: str, meant: str | None) -> str | Decimal:
+    """What was typed; the reading of it that its writer chose, if it has that one."""
+    number = numbers.read(typed)
+    if isinstance(number, Doubtful):
+        for reading in number.readings:
+            if numbers.plain(reading) == meant:
+                return reading
+    return typed
 
 
 def read_answers(
@@ -79,30 +96,46 @@ def read_answers(
             if item.required:
                 faults.append(AnswerFault(item.name, "missing", "expected an answer, got none"))
             continue
-        value, expected = _read(item, given)
-        values[item.name] = value
-        if value is None:
-            shown = repr(given)[:60]
-            message = f"expected {expected}, got {shown}"
+        value = _read(item, given)
+        values[item.name] = None if isinstance(value, Doubtful) else value
+        shown = repr(given)[:60]
+        if isinstance(value, Doubtful):
+            meant = tuple(map(numbers.plain, value.readings))
+            message = (
+                f"expected a number that can be read in one way, got {shown}:"
+                f" is {numbers.said(value)} meant? A JSON number needs no question"
+            )
+            faults.append(AnswerFault(item.name, "doubtful", message, meant))
+        elif value is None:
+            message = f"expected {_expected(item)}, got {shown}"
             faults.append(AnswerFault(item.name, item.type, message))
     return values, faults
 
 
-def _read(item: Item, given: object) -> tuple[str | None, str]:
-    """The answer as text, or None; and what is expected."""
+def _read(item: Item, given: object) -> str | Doubtful | None:
+    """The answer as text; what it could mean, where that is to be asked; or None."""
     if item.type == "text":
         sound = isinstance(given, str) and len(given) <= LONGEST_TEXT and "\0" not in given
-        return (str(given) if sound else None), f"a text of up to {LONGEST_TEXT} characters"
+        return str(given) if sound else None
     number = _number(given)
+    if isinstance(number, Doubtful):
+        possible = tuple(one for one in number.readings if _takes(item, one))
+        return Doubtful(possible) if possible else None
+    return None if number is None or not _takes(item, number) else numbers.plain(number)
+
+
+def _takes(item: Item, number: Decimal) -> bool:
     if item.type == "likert":
-        sound = number is not None and number == int(number) and 1 <= number <= item.scale
-        return (str(int(number or 0)) if sound else None), f"a whole number from 1 to {item.scale}"
-    sound = (
-        number is not None
-        and (item.min is None or number >= item.min)
-        and (item.max is None or number <= item.max)
+        return number == int(number) and 1 <= number <= item.scale
+    return (item.min is None or number >= Decimal(repr(item.min))) and (
+        item.max is None or number <= Decimal(repr(item.max))
     )
-    return (f"{number:.15g}" if sound else None), number_range(item)
+
+
+def _expected(item: Item) -> str:
+    if item.type == "text":
+        return f"a text of up to {LONGEST_TEXT} characters"
+    return f"a whole number from 1 to {item.scale}" if item.type == "likert" else number_range(item)
 
 
 def number_range(item: Item) -> str:
@@ -114,15 +147,15 @@ def number_range(item: Item) -> str:
     return "a number" if item.max is None else f"a number of at most {item.max:.15g}"
 
 
-def _number(given: object) -> float | None:
+def _number(given: object) -> Decimal | Doubtful | None:
     """A number, or text that says one; a comma may stand for the decimal point."""
-    if isinstance(given, bool) or not isinstance(given, int | float | str):
+    if isinstance(given, str):
+        return numbers.read(given)
+    if isinstance(given, Decimal):
+        return given
+    if isinstance(given, bool) or not isinstance(given, int | float):
         return None
-    try:
-        number = float(given.replace(",", ".") if isinstance(given, str) else given)
-    except (ValueError, OverflowError):
-        return None
-    return number if math.isfinite(number) else None
+    return numbers.read(repr(float(given)) if isinstance(given, float) else str(given))
 
 
 def item_inconsistencies(

@@ -15,9 +15,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from app.study import numbers
 from app.study.faults import Fault, UnreadableFileError
 from app.study.files import is_file, misplaced, read_text, within
 from app.study.looking import look
+from app.study.numbers import Doubtful
 from app.video.decoding import Decoder
 from app.video.facts import UnreadableVideoError
 
@@ -109,6 +111,8 @@ class RecordingsReader:
                         environment, point, video.file, video.sha256, video.duration_s, score
                     )
                 )
+        for name in (*names, SCORE_COLUMN):
+            self._remark_on_points(source, header, lines, name)
         if len(candidates) < FEWEST_CANDIDATES:
             message = f"expected at least two different candidates, got {len(candidates)}"
             self._fault(source, None, message)
@@ -165,10 +169,25 @@ class RecordingsReader:
     def _number(self, source: str, line: int, column: str, cell: str) -> float | None:
         value = float(cell) if NUMBER.fullmatch(cell) else math.nan
         if not math.isfinite(value):
-            self._fault(source, line, f"{column}: expected a finite number, got {cell!r}")
+            message = f"{column}: expected a finite number, got {cell!r}{_meant(cell)}"
+            self._fault(source, line, message)
             return None
         # Negative zero is the same candidate as zero.
         return value + 0.0
+
+    def _remark_on_points(
+        self, source: str, header: Sequence[str], lines: Sequence[_Line], column: str
+    ) -> None:
+        """Say it where numbers with a point are read that could have been meant as thousands."""
+        if column not in header:
+            return
+        place = header.index(column)
+        cells = [line.cells[place].strip() for line in lines[1:] if len(line.cells) == len(header)]
+        cell = _maybe_thousands([cell for cell in cells if NUMBER.fullmatch(cell)])
+        if cell is not None:
+            message = f"{column}: {cell} is read as {float(cell):g}, the point as a decimal mark;"
+            message += f" write {cell.replace('.', '')} if thousands are meant"
+            self.remarks.append(Fault(source, lines[0].number, message))
 
     def _video(self, source: str, line: int, cell: str) -> _FoundVideo | None:
         try:
@@ -212,6 +231,24 @@ class RecordingsReader:
 
     def _fault(self, source: str, line: int | None, message: str) -> None:
         self.faults.append(Fault(source, line, message))
+
+
+def _meant(cell: str) -> str:
+    """What somebody may have meant by a cell that is no number with a decimal point."""
+    number = numbers.read(cell)
+    if isinstance(number, Doubtful):
+        return f" (write {numbers.said(number)}, whichever is meant)"
+    return "" if number is None else f" (write {numbers.plain(number)}, with a decimal point)"
+
+
+def _maybe_thousands(cells: Sequence[str]) -> str | None:
+    """The first cell of a column in which no cell shows that a point is a decimal mark.
+
+    A column such as 1.250, 2.500 could be thousands; one with 0.5 or 1.25 in it could not.
+    """
+    doubtful = [cell for cell in cells if isinstance(numbers.read(cell), Doubtful)]
+    others = [cell for cell in cells if "." in cell and cell not in doubtful]
+    return doubtful[0] if doubtful and not others else None
 
 
 def candidates_of(rows: Sequence[RecordingRow], environment: str) -> tuple[tuple[float, ...], ...]:

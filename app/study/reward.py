@@ -13,7 +13,7 @@ class Reward(Part):
     currency: an ISO 4217 code, since a sign such as $ says too little.
     """
 
-    amount: Annotated[float, Field(gt=0, le=1_000_000, allow_inf_nan=False)] = Field(
+    amount: Annotated[float, Field(strict=True, gt=0, le=1_000_000, allow_inf_nan=False)] = Field(
         description="an amount above 0 such as 4.5"
     )
     currency: StrictStr = Field(

@@ -3,6 +3,7 @@
 PyYAML's own loader forgets the lines, and keeps the last of two equal keys without a word.
 """
 
+import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -20,6 +21,7 @@ LONGEST_TEXT = 100_000
 LONGEST_NUMBER = 60
 #: What a database holds as a whole number.
 LARGEST_WHOLE = 2**63 - 1
+_IN_DIGITS = re.compile(r"[-+]?((0|[1-9][0-9]*)(\.[0-9]*)?|\.[0-9]+)([eE][-+]?[0-9]+)?")
 _UNSTORABLE = re.compile("[\0\ud800-\udfff]")
 _NUMBERS = frozenset(f"tag:yaml.org,2002:{name}" for name in ("int", "float", "timestamp"))
 
@@ -104,6 +106,10 @@ class _Reader:
             )
         if isinstance(scalar, str):
             _require_storable(node, scalar)
+        if isinstance(scalar, int | float) and not _is_as_it_looks(node, scalar):
+            message = f"expected a number in digits such as 1000 or 0.5, got {came}"
+            message += f", which YAML reads as {scalar}: write that, or a text in quotes"
+            self.problems.append(YamlProblem(_line(node), message))
         return scalar
 
     def _mapping(self, node: yaml.MappingNode, place: Place) -> dict[str, object]:
@@ -125,6 +131,13 @@ class _Reader:
             self.lines[inner] = _line(key_node)
             data[key] = self.value(value_node, inner)
         return data
+
+
+def _is_as_it_looks(node: yaml.Node, scalar: float) -> bool:
+    """Not so 1_000, 010 (which YAML 1.1 takes for 8) and 1:30 (for 90)."""
+    if isinstance(scalar, bool) or not math.isfinite(scalar):
+        return True
+    return _IN_DIGITS.fullmatch(str(node.value)) is not None
 
 
 def read_yaml(text: str) -> YamlSource:

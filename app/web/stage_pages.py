@@ -14,6 +14,7 @@ from app.services.answers import Answer
 from app.services.errors import AnswersRefusedError, ResponseRefusedError
 from app.services.queries import Happening
 from app.services.state import State
+from app.study.questionnaire import as_meant
 
 from .failing_kindly import FailingKindly
 from .in_line import in_line
@@ -22,6 +23,9 @@ from .session_pages import do, render, to_stage, token_of
 from .words import translatable
 
 router = APIRouter(prefix="/s/{slug}", include_in_schema=False, route_class=FailingKindly)
+
+#: Ends the name of the field in which somebody chose what a number of theirs means.
+MEANT = ".meant"
 
 TITLES = {
     "welcome": translatable("Welcome"),
@@ -85,13 +89,18 @@ def questionnaire(
     answers: Annotated[dict[str, str], Depends(form_fields)],
 ) -> Response:
     """Answer; what cannot be taken is shown beside what was asked, with all that was given."""
+    meant = {
+        name: as_meant(typed, answers.get(f"{name}{MEANT}"))
+        for name, typed in answers.items()
+        if not name.endswith(MEANT)
+    }
     try:
         return do(
-            request, slug, lambda: questionnaires.answer(studio, token_of(request, slug), answers)
+            request, slug, lambda: questionnaires.answer(studio, token_of(request, slug), meant)
         )
     except AnswersRefusedError as error:
         state = participation.current(studio, token_of(request, slug))
-        faults = {fault.item: fault.kind for fault in error.faults}
+        faults = {fault.item: fault for fault in error.faults}
         return stage_page(request, slug, state, status=422, given=answers, faults=faults)
 
 

@@ -60,6 +60,7 @@ def environment_in(language: str) -> Environment:
     install(words.translations(language), newstyle=True)
     made.filters["localtime"] = local_time
     made.filters["number"] = partial(words.number, language=language)
+    made.filters["exact_number"] = partial(words.exact_number, language=language)
     made.globals["static_url"] = static_url
     made.globals["between_sentences"] = words.between_sentences(language)
     made.globals["script_words"] = words.script_words(language)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Mapping
+from decimal import Decimal
 from functools import cache
 from gettext import NullTranslations
 from pathlib import Path
@@ -68,6 +69,13 @@ def translated(text: str, language: str) -> str:
 def number(value: float, language: str) -> str:
     """A number as readers of the language write it."""
     return format_decimal(value, locale=nearest(language), decimal_quantization=False)
+
+
+def exact_number(value: str, language: str) -> str:
+    """A number in ASCII, with the language's decimal mark and no marks for thousands."""
+    return format_decimal(
+        Decimal(value), locale=nearest(language), decimal_quantization=False, group_separator=False
+    )
 
 
 def between_sentences(language: str) -> str:

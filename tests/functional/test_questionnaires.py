@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import re
 
 import pytest
@@ -9,6 +10,7 @@ import pytest
 from app.services import studies
 from app.services.studies import StudyInfo
 from app.services.studio import Studio
+from app.web import words
 from tests.conftest import SHORT_PLAN, Clock, StudyShelf
 
 from .client import Api, Session
@@ -116,3 +118,94 @@ def test_the_page_keeps_what_was_given_and_says_what_is_wrong(
     assert "&lt;b&gt;hm&lt;/b&gt;" in refused.text
     assert client.post("/s/short/questionnaire", data={"age": "20"}).status_code == 303
     assert session.look()["stage"] == "debrief"
+
+
+NUMBER_PLAN = (
+    SHORT_PLAN.replace("queries_per_trial: 4", "queries_per_trial: 1")
+    + """
+questionnaires:
+  after_trial:
+    - {name: income, type: number, label: "What do you earn?"}
+    - {name: hours, type: number, max: 24, label: "How long did you sleep?"}
+    - {name: mood, type: likert, points: 5, label: "How are you?"}
+"""
+)
+
+
+@pytest.fixture
+def numbers_page(studio: Studio, study_shelf: StudyShelf, client: Api) -> Session:
+    """A session at the questions, in the browser."""
+    study_shelf.put_into(studio, NUMBER_PLAN)
+    session = to_the_questions(client)
+    client.cookies.set("pbpo_session_short", session.token)
+    return session
+
+
+def stored(client: Api, api_token: str) -> dict[str, str]:
+    headers = {"Authorization": f"Bearer {api_token}"}
+    answer = client.get("/api/v1/studies/short/export/questionnaires.csv", headers=headers)
+    return {row["item"]: row["value"] for row in csv.DictReader(answer.text.splitlines())}
+
+
+@pytest.mark.parametrize(("meant", "kept"), [("50000", "50000"), ("50", "50")])
+def test_a_number_that_could_be_two_is_asked_back_and_stored_as_was_meant(
+    client: Api, numbers_page: Session, api_token: str, meant: str, kept: str
+) -> None:
+    sent = {"income": "50,000", "hours": "7,5", "mood": "3"}
+    asked = client.post("/s/short/questionnaire", data=sent)
+    assert asked.status_code == 422
+    assert "Which number do you mean?" in asked.text
+    assert re.findall(r'name="income.meant" value="([^"]+)"', asked.text) == ["50000", "50"]
+    assert 'value="50,000"' in asked.text
+    assert client.table("questionnaires", api_token).empty
+
+    # The same again is asked again; so is a number that the text does not say.
+    assert client.post("/s/short/questionnaire", data=sent).status_code == 422
+    forged = {**sent, "income.meant": "7"}
+    assert client.post("/s/short/questionnaire", data=forged).status_code == 422
+    # What was chosen stays chosen while something else is missing.
+    unfinished = {**sent, "mood": "", "income.meant": meant}
+    page = client.post("/s/short/questionnaire", data=unfinished)
+    assert page.status_code == 422
+    assert re.findall(r'type="hidden" name="income.meant" value="([^"]+)"', page.text) == [meant]
+
+    done = client.post("/s/short/questionnaire", data={**sent, "income.meant": meant})
+    assert done.status_code == 303
+    assert stored(client, api_token) == {"income": kept, "hours": "7.5", "mood": "3"}
+
+
+def test_only_what_an_item_takes_is_offered_and_nothing_is_taken_unasked(
+    client: Api, numbers_page: Session, api_token: str
+) -> None:
+    sent = {"income": "1", "hours": "1,000", "mood": "3"}
+    asked = client.post("/s/short/questionnaire", data=sent)
+    assert re.findall(r'name="hours.meant" value="([^"]+)"', asked.text) == ["1"]
+    out_of_range = client.post("/s/short/questionnaire", data={**sent, "hours": "50,000,000"})
+    assert "Please give a number of at most 24." in out_of_range.text
+    assert client.table("questionnaires", api_token).empty
+
+
+def test_the_api_asks_back_what_a_text_may_mean_and_takes_a_json_number(
+    client: Api, numbers_page: Session, api_token: str
+) -> None:
+    answers = {"income": "50,000", "hours": 7.5, "mood": 3}
+    refused = numbers_page.call("questionnaire", {"answers": answers})
+    assert refused.status_code == 422
+    (fault,) = refused.json()["faults"]
+    assert (fault["item"], fault["kind"]) == ("income", "doubtful")
+    assert fault["readings"] == ["50000", "50"]
+    assert "is 50000 or 50 meant?" in fault["message"]
+    assert client.table("questionnaires", api_token).empty
+    sure = {**answers, "income": 50_000}
+    assert numbers_page.call("questionnaire", {"answers": sure}).status_code == 200
+    assert stored(client, api_token)["income"] == "50000"
+
+
+def test_japanese_readers_are_asked_in_japanese() -> None:
+    asked = (
+        "This can be read in more than one way, or has marks between its digits."
+        " Which number do you mean?"
+    )
+    assert "どの数" in words.translations("ja").gettext(asked)
+    assert words.exact_number("50000", "ja") == "50000"
+    assert words.exact_number("1.25", "ja") == "1.25"

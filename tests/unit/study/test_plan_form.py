@@ -7,6 +7,7 @@ import difflib
 import pytest
 
 from app.study.beginning import begin_plan
+from app.study.plain import as_mapping
 from app.study.plan_form import fields, written
 from app.study.plan_source import read_plan
 from app.study.scaffold import EXAMPLE
@@ -81,6 +82,31 @@ def test_what_is_wrong_is_written_as_typed_and_named_by_the_check() -> None:
     messages = [str(fault) for fault in read_plan(after).faults]
     assert any("queries_per_trial: expected a whole number" in one for one in messages)
     assert any("places: expected" in one and "'-1'" in one for one in messages)
+
+
+@pytest.mark.parametrize(
+    ("typed", "amount"),
+    [("4.5", 4.5), ("4,5", 4.5), ("5", 5), ("\uff14\uff0e\uff15", 4.5), ("1000", 1000)],
+)
+def test_an_amount_that_can_mean_one_number_is_that_number(typed: str, amount: float) -> None:
+    after = sent(amount=typed, currency="EUR")
+    assert as_mapping(read_yaml(after).data["reward"])["amount"] == amount
+    assert not [one for one in read_plan(after).faults if "reward" in str(one)]
+
+
+@pytest.mark.parametrize("typed", ["1,000", "1.000", "1_000", "1 000", "25%"])
+def test_what_could_mean_two_numbers_stays_as_typed_and_is_named(typed: str) -> None:
+    after = sent(amount=typed, currency="EUR", queries=typed)
+    assert (fields(after)["amount"], fields(after)["queries"]) == (typed, typed)
+    messages = [str(fault) for fault in read_plan(after).faults]
+    for key in ("reward.amount", "queries_per_trial"):
+        assert any(f"{key}: expected" in one and repr(typed) in one for one in messages), messages
+
+
+def test_an_amount_that_the_form_sends_back_unchanged_is_not_doubted() -> None:
+    before = sent(amount="4.5", currency="EUR").replace("4.5", "1.125")
+    after = written(before, {**fields(before), "currency": "JPY"})
+    assert as_mapping(read_yaml(after).data["reward"]) == {"amount": 1.125, "currency": "JPY"}
 
 
 def test_an_emptied_field_goes_and_an_emptied_condition_too() -> None:

@@ -6,6 +6,8 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
+from app.study.folder import load
+
 Edit = Callable[[Path, str, str], None]
 Faults = Callable[[Path], list[str]]
 
@@ -111,6 +113,46 @@ def test_a_fault_in_the_recordings_is_named_with_its_line(
 ) -> None:
     edit(folder / "recordings.csv", old, new)
     assert expected in faults(folder)
+
+
+@pytest.mark.parametrize(
+    ("typed", "meant"),
+    [
+        ("50,000", "write 50000 or 50, whichever is meant"),
+        ("1_000", "write 1000, whichever is meant"),
+        ("1 000", "write 1000, whichever is meant"),
+        ("0,2", "write 0.2, with a decimal point"),
+        ("\uff10\uff0e\uff12", "write 0.2, with a decimal point"),
+        ("\u22120.2", "write -0.2, with a decimal point"),
+        ("20%", "write 20 or 0.2, whichever is meant"),
+    ],
+)
+def test_a_number_that_is_not_written_with_a_point_is_asked_back(
+    folder: Path, edit: Edit, faults: Faults, typed: str, meant: str
+) -> None:
+    edit(folder / "recordings.csv", "0.2,1,videos/c", f'"{typed}",1,videos/c')
+    expected = f"recordings.csv:4: speed: expected a finite number, got {typed!r} ({meant})"
+    assert expected in faults(folder)
+
+
+def test_a_column_that_could_be_thousands_is_read_as_written_and_said_so(
+    folder: Path, edit: Edit
+) -> None:
+    def remarks() -> list[str]:
+        return [str(one) for one in load(folder).remarks if "is read as" in str(one)]
+
+    assert not remarks()
+    for old, new in (("0.1,", "1.250,"), ("0.1,", "1.250,"), ("0.2,", "2.500,")):
+        text = (folder / "recordings.csv").read_text()
+        (folder / "recordings.csv").write_text(text.replace(old, new))
+    assert sorted({row.candidate[0] for row in load(folder).recordings}) == [1.25, 2.5]
+    (remark,) = remarks()
+    assert "speed: 1.250 is read as 1.25" in remark
+    assert "write 1250 if thousands are meant" in remark
+    # Another value of the column settles it.
+    text = (folder / "recordings.csv").read_text()
+    (folder / "recordings.csv").write_text(text.replace("2.500,", "2.5,"))
+    assert not remarks()
 
 
 def test_lines_are_counted_as_an_editor_counts_them(folder: Path, faults: Faults) -> None:

@@ -83,3 +83,21 @@ def test_what_is_no_study_at_all_is_refused_with_its_line(
     with pytest.raises(YamlSyntaxError, match=message) as caught:
         read_yaml(text)
     assert caught.value.problem.line == line
+
+
+@pytest.mark.parametrize(
+    ("written", "read_as"),
+    [("1_000", "1000"), ("010", "8"), ("1:30", "90"), ("0x10", "16"), ("1_0.5", "10.5")],
+)
+def test_a_number_that_yaml_reads_as_another_is_named(written: str, read_as: str) -> None:
+    (problem,) = read_yaml(f"queries_per_trial: {written}\n").problems
+    assert written in problem.message
+    assert f"which YAML reads as {read_as}" in problem.message
+    assert problem.line == 1
+
+
+@pytest.mark.parametrize(
+    "written", ["0", "10", "-3", "0.5", ".5", "5.", "1.0e+3", "'1_000'", "yes"]
+)
+def test_a_plain_number_is_not_doubted(written: str) -> None:
+    assert not read_yaml(f"value: {written}\n").problems

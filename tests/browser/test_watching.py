@@ -140,3 +140,22 @@ def point_at_a_dot(page: Page) -> None:
                 expect(tooltip).to_have_count(0)
                 return
     raise AssertionError("expected a dot that tells its value, found none")
+
+
+@pytest.mark.parametrize("lacks", ["AbortSignal.timeout", "AbortController", "EventSource"])
+def test_a_browser_that_lacks_something_follows_a_study_all_the_same(
+    page: Page, browser: Browser, serve: Callable[[str], Server], lacks: str
+) -> None:
+    server = serve(WATCHED_PLAN)
+    put_sessions_and_account(server, 0)
+    sign_in(page, server)
+    page.add_init_script(f"window.{lacks} = undefined")
+    page.goto(f"{server.url}/studies/small")
+    says = page.locator("[data-live-says]")
+    expect(says).to_contain_text("fetched" if lacks == "EventSource" else "Live")
+    evaluator = browser.new_context().new_page()
+    enter_small(evaluator, f"{server.url}/s/small")
+    answer(evaluator, "left", by="key")
+    expect(page.get_by_test_id("counts")).to_contain_text("1")
+    expect(page.locator("[data-live-reload]")).to_be_hidden()
+    evaluator.context.close()

@@ -21,6 +21,7 @@ from app.web import (
     api,
     body_limit,
     data_pages,
+    deleted_study_pages,
     desk,
     draft_pages,
     draft_settings_pages,
@@ -105,6 +106,7 @@ def create_app(
     app.state.stopping = lambda: False
     app.state.streams = live.Streams()
     problems.install(app)
+    deleted_study_pages.install(app)
     app.add_middleware(body_limit.BodyLimit)
     app.add_middleware(guard.Guard)
     app.add_middleware(host_cookies.HostCookies)

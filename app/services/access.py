@@ -25,6 +25,7 @@ class Right(StrEnum):
 
     DESIGN = "see the design of"
     DATA = "see the data of"
+    IDENTITIES = "see the platforms' ids of"
     CHANGE = "change"
     OWN = "share or delete"
 
@@ -34,7 +35,7 @@ _ALLOWS: dict[str, frozenset[Right]] = {
     Role.ADMIN: frozenset(Right),
     Role.REVIEWER: frozenset({Right.DESIGN}),
     studies.OWNER: frozenset(Right),
-    studies.SHARED: frozenset({Right.DESIGN, Right.DATA, Right.CHANGE}),
+    studies.SHARED: frozenset({Right.DESIGN, Right.DATA, Right.IDENTITIES, Right.CHANGE}),
 }
 
 
@@ -104,5 +105,9 @@ def _held(session: Session, caller: Experimenter, study_id: int) -> frozenset[Ri
 
 
 def _check_scope(caller: Experimenter, right: Right) -> None:
+    if right is Right.IDENTITIES and caller.scope is Scope.READ:
+        raise ForbiddenError(
+            "expected an API token of the scope identities or write, and this one may only read"
+        )
     if right in (Right.CHANGE, Right.OWN) and caller.scope is not Scope.WRITE:
         raise ForbiddenError("expected an API token of the scope write, and this one may only read")

@@ -45,9 +45,10 @@ class Role(StrEnum):
 
 
 class Scope(StrEnum):
-    """What an API token may do: look and export, or all that its account may."""
+    """What an API token may do: look and export, platforms' ids as well, or all its account may."""
 
     READ = "read"
+    IDENTITIES = "identities"
     WRITE = "write"
 
 

@@ -16,6 +16,18 @@ class NotFoundError(ServiceError):
     """There is no such study, session, query or recording, or it is not the caller's."""
 
 
+class GoneError(ServiceError):
+    """What was asked for was there, and is deleted."""
+
+
+class StudyDeletedError(GoneError):
+    """The study was deleted. `way_back` is for those who were in it."""
+
+    def __init__(self, message: str, *, way_back: dict[str, Any] | None) -> None:
+        super().__init__(message)
+        self.way_back = way_back
+
+
 class StoreAwayError(ServiceError):
     """The store of recordings gives no answer, or refuses: the same again may succeed later."""
 

@@ -10,7 +10,7 @@ from sqlalchemy.orm import Session
 from app.storage.tables import SessionRow, Study, Trial
 from app.study import assignment
 
-from . import audit, ledger, left_videos, studies
+from . import audit, deleted_studies, ledger, left_videos, studies
 from .errors import ChangedMeanwhileError, ConflictError
 from .studies import StudyInfo
 from .studio import Studio
@@ -97,6 +97,7 @@ def delete(studio: Studio, slug: str, actor: str = audit.COMMAND_LINE, *, typed:
         if status == studies.CLOSED:
             key = ledger.study_key(slug, study.created_at)
             studio.ledger.note(studio.now(), ledger.STUDY, [key])
+            deleted_studies.note(session, study, studio.now())
         studies.delete_row(session, study)
         audit.note(
             session,

@@ -17,7 +17,15 @@ from sqlalchemy.exc import SQLAlchemyError
 
 from app.storage.alone import Alone, alone
 
-from . import forgetting, left_videos, old_drafts, retention, unconsented, unfinished
+from . import (
+    deleted_studies,
+    forgetting,
+    left_videos,
+    old_drafts,
+    retention,
+    unconsented,
+    unfinished,
+)
 from .ethics import bundle
 from .studio import Studio
 
@@ -49,6 +57,7 @@ OF_THE_STUDIO = (
     Task("sessions without consent", HOUR_S, unconsented.sweep),
     Task("abandoned drafts", HOUR_S, old_drafts.sweep),
     Task("videos of no study", HOUR_S, left_videos.sweep),
+    Task("sessions of deleted studies", HOUR_S, lambda studio, _: deleted_studies.sweep(studio)),
     Task("old failure counts", HOUR_S, lambda studio, _: studio.faults.delete_old()),
     Task("expired ethics bundles", HOUR_S, bundle.sweep),
 )

@@ -24,7 +24,7 @@ from app.storage.database import Database
 from app.storage.tables import Candidate, Recording, SessionRow
 
 from .background import Background
-from .errors import NotFoundError, StoreAwayError
+from .errors import GoneError, NotFoundError, StoreAwayError
 from .settings import Settings
 from .stores.memory import Memory
 from .stores.opening import open_stores
@@ -86,7 +86,7 @@ class Recordings:
         return self._find(public_id)
 
     def of_session(self, shown: Shown) -> Source:
-        """The source of what a session is shown. Raises NotFoundError once the session is deleted.
+        """The source of what a session is shown. Raises GoneError once the session is deleted.
 
         What was found is remembered for a minute: for so long, addresses of a session that another
         process has deleted go on.
@@ -101,7 +101,7 @@ class Recordings:
                 .where(Recording.id == shown.recording_id, SessionRow.id == shown.session_id)
             ).one_or_none()
         if row is None or not is_of_session(shown, row.seed):
-            raise NotFoundError("there is no such recording")
+            raise GoneError("the session that was shown this video is deleted")
         found = FoundSource(row.source, row.locator)
         self._shown.keep(shown, found, _SHOWN_S)
         return found

@@ -8,7 +8,7 @@ from sqlalchemy import delete, select
 
 from app.storage.tables import Identity, SessionRow, Study
 
-from . import deletion, ledger, studies
+from . import deleted_studies, deletion, ledger, studies
 from .ledger import Deleted
 from .studio import Studio
 
@@ -20,7 +20,8 @@ def apply(studio: Studio, lines: Iterable[Deleted]) -> int:
     with studio.database.write() as session:
         for study in session.scalars(select(Study)).all():
             key = ledger.study_key(study.slug, study.created_at)
-            if (ledger.STUDY, key) in by_key:
+            if line := by_key.get((ledger.STUDY, key)):
+                deleted_studies.note(session, study, line.day)
                 studies.delete_row(session, study)
                 done += 1
         kept = session.execute(select(SessionRow.id, SessionRow.token_hash)).all()

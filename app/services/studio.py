@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib.util import find_spec
 from pathlib import Path
 from types import MappingProxyType
 
+from sqlalchemy import make_url
 from threadpoolctl import threadpool_limits
 
 from app.storage import dumps
@@ -23,6 +26,7 @@ from .fault_counts import FaultCounts
 from .in_process import InProcess
 from .ledger import Ledger
 from .measurements import Measurements
+from .own_files import for_owner
 from .platform_keys import PlatformKeys
 from .proposals import Proposer
 from .recordings import Recordings
@@ -93,6 +97,7 @@ def open_studio(
     if settings.own_videos_dir is not None:
         # Whoever else has to read it, such as a proxy, is let in by whoever runs the server.
         _make_folder(settings.own_videos_dir, 0o750)
+    _make_database_file(settings)
     database = Database(settings.url)
     try:
         if not restoring:
@@ -129,6 +134,15 @@ def open_studio(
             bundle_job.KIND: bundle_job.make_bundle,
         },
     )
+
+
+def _make_database_file(settings: Settings) -> None:
+    """SQLite's file, if there is none: closed to others, as those that SQLite puts beside it."""
+    url = make_url(settings.url)
+    if url.get_backend_name() != "sqlite" or not url.database or Path(url.database).exists():
+        return
+    with suppress(OSError):  # said when the database is opened
+        os.close(for_owner(url.database, os.O_CREAT | os.O_WRONLY))
 
 
 def _make_folder(folder: Path, mode: int = 0o777) -> None:

@@ -46,14 +46,14 @@ class ApiToken(Base):
     """A token for programs. Shown once; only its hash is kept."""
 
     __tablename__ = "api_tokens"
-    __table_args__ = (one_of("scope", "read", "write"),)
+    __table_args__ = (one_of("scope", "read", "identities", "write"),)
 
     id: Mapped[int] = mapped_column(primary_key=True)
     account_id: Mapped[int] = mapped_column(ForeignKey("accounts.id", ondelete="CASCADE"))
     label: Mapped[str] = mapped_column(String(100))
     token_hash: Mapped[str] = mapped_column(String(64), unique=True)
-    # read: looks and exports; write: all that its account may do.
-    scope: Mapped[str] = mapped_column(String(5))
+    # read: looks and exports; identities: platforms' ids too; write: all that its account may do.
+    scope: Mapped[str] = mapped_column(String(10))
     created_at: Mapped[datetime]
     expires_at: Mapped[datetime]
 

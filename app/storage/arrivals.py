@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from datetime import datetime
+from typing import Any
 
-from sqlalchemy import ForeignKey, String
+from sqlalchemy import JSON, ForeignKey, String
 from sqlalchemy.orm import Mapped, mapped_column
 
 from .tables import Base, one_of
@@ -50,3 +51,29 @@ class Tombstone(Base):
     # At the person's wish, or by the study's rule on how long it keeps what it was given.
     reason: Mapped[str] = mapped_column(String(10))
     deleted_at: Mapped[datetime]
+
+
+class DeletedStudy(Base):
+    """That a study of this name was deleted, and the way back for those who were in it."""
+
+    __tablename__ = "deleted_studies"
+
+    id: Mapped[int] = mapped_column(primary_key=True)
+    slug: Mapped[str] = mapped_column(String(60), unique=True)
+    # The platform's technical code and address, as the plan had them.
+    way_back: Mapped[dict[str, Any] | None] = mapped_column(JSON)
+    # The day: see `Tombstone`.
+    deleted_on: Mapped[datetime]
+
+
+class DeletedSession(Base):
+    """A session that ended with its study: whose browser it was can be told so, by its token."""
+
+    __tablename__ = "deleted_sessions"
+
+    id: Mapped[int] = mapped_column(primary_key=True)
+    deleted_study_id: Mapped[int] = mapped_column(
+        ForeignKey("deleted_studies.id", ondelete="CASCADE"), index=True
+    )
+    # A hash of the session's random token, and not the one that a backup holds.
+    token_key: Mapped[str] = mapped_column(String(64), unique=True)

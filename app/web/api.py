@@ -57,7 +57,7 @@ of_session = APIRouter(
     response_model=Started,
     response_model_exclude_unset=True,
     dependencies=[Depends(EXPERIMENTER)],
-    responses=refusals(404, 409, 429, body=True),
+    responses=refusals(404, 409, 410, 429, body=True),
     # A token is needed for sessions that do not count only.
     openapi_extra={"security": [{}]},
 )
@@ -84,14 +84,14 @@ def start_session(
     return {"token": token, "receipt": receipt_code(token), "session": state}
 
 
-@router.post("/studies/{slug}/deletions", status_code=204, responses=refusals(404, body=True))
+@router.post("/studies/{slug}/deletions", status_code=204, responses=refusals(404, 410, body=True))
 @in_line
 def delete_by_receipt(slug: str, body: AskForDeletion, studio: StudioDep) -> None:
     """Delete what the holder of a receipt gave: without an account, at any time."""
     withdrawal.delete_by_receipt(studio, slug, body.receipt)
 
 
-@of_session.get("", responses=refusals(401), **STATE)
+@of_session.get("", responses=refusals(401, 410), **STATE)
 @in_line_to_look
 def get_session(studio: StudioDep, token: SessionToken, response: Response) -> State:
     """Where the session is."""
@@ -99,14 +99,14 @@ def get_session(studio: StudioDep, token: SessionToken, response: Response) -> S
     return participation.current(studio, token)
 
 
-@of_session.post("/consent", responses=refusals(401, 409, body=True), **STATE)
+@of_session.post("/consent", responses=refusals(401, 410, 409, body=True), **STATE)
 @in_line
 def give_consent(body: GiveConsent, studio: StudioDep, token: SessionToken) -> State:
     """Agree to the consent of this version."""
     return participation.consent(studio, token, body.version)
 
 
-@of_session.post("/continue", responses=refusals(401, 409, body=True), **STATE)
+@of_session.post("/continue", responses=refusals(401, 410, 409, body=True), **STATE)
 @in_line
 def go_on(studio: StudioDep, token: SessionToken, body: GoOn | None = None) -> State:
     """Leave a page that only has to be left. The device check wants what was measured."""
@@ -115,28 +115,28 @@ def go_on(studio: StudioDep, token: SessionToken, body: GoOn | None = None) -> S
     return participation.go_on(studio, token, device)
 
 
-@of_session.post("/screen-out", responses=refusals(401, 403, 409), **STATE)
+@of_session.post("/screen-out", responses=refusals(401, 410, 403, 409), **STATE)
 @in_line
 def screen_out(studio: StudioDep, token: SessionToken) -> State:
     """Leave the device check for good: the person has no device that passes it."""
     return participation.screen_out(studio, token)
 
 
-@of_session.post("/watched", responses=refusals(401, 404, 409, body=True), **STATE)
+@of_session.post("/watched", responses=refusals(401, 410, 404, 409, body=True), **STATE)
 @in_line
 def watched(body: Watched, studio: StudioDep, token: SessionToken) -> State:
     """A video of the familiarisation was watched to its end. The same again changes nothing."""
     return participation.watch(studio, token, body.index)
 
 
-@of_session.post("/questionnaire", responses=refusals(401, 409, body=True), **STATE)
+@of_session.post("/questionnaire", responses=refusals(401, 410, 409, body=True), **STATE)
 @in_line
 def answer_questionnaire(body: Answers, studio: StudioDep, token: SessionToken) -> State:
     """Answer all items of the open questionnaire. 422 names every answer that cannot be taken."""
     return questionnaires.answer(studio, token, body.answers)
 
 
-@of_session.post("/responses", responses=refusals(401, 404, 409, body=True), **STATE)
+@of_session.post("/responses", responses=refusals(401, 410, 404, 409, body=True), **STATE)
 @in_line
 def respond(body: Respond, studio: StudioDep, token: SessionToken) -> State:
     """Answer the open query. The same again changes nothing."""
@@ -154,14 +154,14 @@ def respond(body: Respond, studio: StudioDep, token: SessionToken) -> State:
     return answers.respond(studio, token, answer)
 
 
-@of_session.post("/undo", responses=refusals(401, 404, 409, body=True), **STATE)
+@of_session.post("/undo", responses=refusals(401, 410, 404, 409, body=True), **STATE)
 @in_line
 def undo_response(body: Undo, studio: StudioDep, token: SessionToken) -> State:
     """Take a response back, while the study lets one."""
     return undo(studio, token, body.query_id)
 
 
-@of_session.post("/faults", responses=refusals(401, 404, 409, body=True), **STATE)
+@of_session.post("/faults", responses=refusals(401, 410, 404, 409, body=True), **STATE)
 @in_line
 def report_fault(body: ReportFault, studio: StudioDep, token: SessionToken) -> State:
     """Say that a video of the open query did not play: another one takes its place."""
@@ -169,7 +169,7 @@ def report_fault(body: ReportFault, studio: StudioDep, token: SessionToken) -> S
     return answers.report_fault(studio, token, report)
 
 
-@of_session.post("/withdraw", responses=refusals(401, 409, body=True), **STATE)
+@of_session.post("/withdraw", responses=refusals(401, 410, 409, body=True), **STATE)
 @in_line
 def withdraw(studio: StudioDep, token: SessionToken, body: Leave | None = None) -> State:
     """Stop. Before consent this declines. With `delete` the session is gone afterwards."""

@@ -47,6 +47,8 @@ class Kind:
 #: The first entry that the error is an instance of counts: the special before the general.
 KINDS: tuple[tuple[type[Exception], Kind], ...] = (
     (errors.NotFoundError, Kind(404, "not-found", "Not found")),
+    (errors.StudyDeletedError, Kind(410, "study-deleted", "This study was deleted")),
+    (errors.GoneError, Kind(410, "gone", "Deleted")),
     (errors.TooManyTriesError, Kind(429, "too-many-tries", "Too many tries")),
     (errors.TooManyPasswordsError, Kind(429, "too-many-sign-ins", "Too many are signing in")),
     (errors.TooManyBegunError, Kind(429, "too-many-begun", "Too many are beginning")),
@@ -132,6 +134,7 @@ _MEANINGS = {
     403: "Not allowed.",
     404: "Not found.",
     409: "Not possible as things stand.",
+    410: "Deleted.",
     413: "The body is too long.",
     422: "Not understood.",
     429: "Too many at once: `Retry-After` says when to come back.",
@@ -161,8 +164,8 @@ def refusals(*statuses: int, body: bool = False) -> dict[int | str, dict[str, An
 
 def install(app: FastAPI) -> None:
     """Answer every refusal of `app` as a problem, or as a page where a page was asked for."""
-    for domain_error, _ in KINDS:
-        app.add_exception_handler(domain_error, _domain_error)
+    for refusal, _ in KINDS:
+        app.add_exception_handler(refusal, domain_error)
     app.add_exception_handler(RequestValidationError, _invalid)
     app.add_exception_handler(DataError, _not_storable)
     app.add_exception_handler(IntegrityError, _clash)
@@ -199,11 +202,13 @@ def _answer(request: Request, kind: Kind, detail: str, **extra: Any) -> Response
     )
 
 
-async def _domain_error(request: Request, error: Exception) -> Response:
+async def domain_error(request: Request, error: Exception) -> Response:
     extra: dict[str, Any] = {}
     # Whoever is out of step is told where the session is.
     if isinstance(error, protocol.OutOfOrder | errors.ResponseRefusedError):
         extra["stage"] = str(error.stage)
+    if isinstance(error, errors.StudyDeletedError):
+        extra["way_back"] = error.way_back
     if isinstance(error, errors.AnswersRefusedError):
         extra["stage"] = error.stage
         extra["faults"] = [asdict(fault) for fault in error.faults]

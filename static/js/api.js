@@ -124,6 +124,10 @@ export class SessionApi {
     }
     const answer = await request(`/api/v1${path}`, options, TIMEOUT_MS);
     const value = parsed(answer.content);
+    if (answer.status === 410) {
+      // The study was deleted: its page says so, and has the way back.
+      location.reload();
+    }
     if (!answer.ok) {
       throw new Refused(answer.status, value ?? {});
     }

@@ -66,10 +66,10 @@ def test_addresses_of_a_deleted_session_lead_nowhere(
     if where == "here":
         assert client.get(url).status_code == 200
     withdrawal.withdraw_and_delete(studio, session.token)
-    assert client.get(url).status_code == 404
+    assert client.get(url).status_code == 410
     # The next session has the row's number again: it is another session all the same.
     client.start("kettles").to_first_query()
-    assert client.get(url).status_code == 404
+    assert client.get(url).status_code == 410
 
 
 def test_an_address_that_was_made_up_leads_nowhere(client: Api, own_study: StudyInfo) -> None:

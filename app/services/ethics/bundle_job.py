@@ -13,6 +13,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from app.services import own_files
 from app.services.settings import Settings
 from app.services.work import Report
 
@@ -70,7 +71,10 @@ def make_bundle(settings: Settings, request: Mapping[str, Any], report: Report) 
 def _zip(root: Path, files: list[Path], target: Path) -> None:
     """One zip of these files, whole or not at all: the same files give the same bytes."""
     part = target.with_name(f"{target.name}.part")
-    with zipfile.ZipFile(part, "w", zipfile.ZIP_DEFLATED) as archive:
+    with (
+        own_files.written(part) as file,
+        zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive,
+    ):
         for path in files:
             name = path.relative_to(root).as_posix()
             entry = zipfile.ZipInfo(name, date_time=(1980, 1, 1, 0, 0, 0))

@@ -363,6 +363,24 @@ STORED: Mapping[str, Stored] = {
             "created_at": _MADE,
         },
     ),
+    "deleted_studies": Stored(
+        Whose.COUNT,
+        {
+            "id": _ID,
+            "slug": "What the deleted study's address was, so that it can be told from a mistake.",
+            "way_back": "The platform's code for those whom the deletion stopped.",
+            "deleted_on": "The day of the deletion.",
+        },
+    ),
+    "deleted_sessions": Stored(
+        Whose.COUNT,
+        {
+            "id": _ID,
+            "deleted_study_id": _ID,
+            "token_key": "Lets a browser that was in a deleted study have that code: a hash of"
+            " random letters, removed after 30 days.",
+        },
+    ),
     "audit_events": Stored(
         Whose.STAFF,
         {

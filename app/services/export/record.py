@@ -7,7 +7,7 @@ from collections.abc import Generator, Iterable, Mapping
 from pathlib import Path
 from typing import Any, Final
 
-from app.services import audit
+from app.services import audit, own_files
 from app.services.errors import ConflictError
 from app.services.studio import Studio
 
@@ -63,21 +63,23 @@ def write_folder(
 ) -> list[Path]:
     """Write the files into a folder, of one moment, all or none, and note it; their paths.
 
+    Files, and folders that are made for them, are for the user's own eyes.
+
     A file in the way gives way if it holds the same, or is an earlier export as it was written.
     Raises ConflictError for any other, unless it may be overwritten.
     """
-    folder.mkdir(parents=True, exist_ok=True)
+    own_files.make_folder(folder)
     written: dict[str, str] = {}
     parts: list[tuple[Path, Path]] = []
     try:
         with studio.database.read() as session:
             for file in files:
                 path = folder / file.path
-                path.parent.mkdir(parents=True, exist_ok=True)
+                own_files.make_folder(path.parent)
                 part = path.with_name(f".{path.name}.part")
                 parts.append((part, path))
                 digest = hashlib.sha256()
-                with part.open("wb") as out:
+                with own_files.written(part) as out:
                     for piece in file.pieces(session):
                         digest.update(piece)
                         out.write(piece)

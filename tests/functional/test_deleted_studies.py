@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from app.services import deleted_studies, lifecycle, retention, studies
+from app.services import deleted_studies, lifecycle, periodic_tasks, studies
 from app.services.studio import Studio
 from app.storage.arrivals import DeletedSession, DeletedStudy
 from tests.conftest import Clock
@@ -137,6 +137,6 @@ def test_whose_sessions_they_were_is_forgotten_after_a_month(
     clock.forward(timedelta(days=29).total_seconds())
     assert deleted_studies.sweep(studio) == 0
     clock.forward(timedelta(days=2).total_seconds())
-    retention.run_quietly(studio, lambda: False)
+    periodic_tasks.run_all(studio)
     assert (rows(studio, DeletedSession), rows(studio, DeletedStudy)) == (0, 1)
     assert client.get("/s/short").status_code == 410

@@ -29,7 +29,7 @@ from app.storage.database import Database
 from app.storage.tables import Recording
 from app.study.scaffold import require_empty
 
-from . import audit, ledger, redeletion, uploads
+from . import audit, ledger, redeletion, room, uploads
 from .errors import ConflictError
 from .recordings import FILE, FoundSource
 from .settings import Settings
@@ -87,6 +87,9 @@ def backup(settings: Settings, target: Path, now: datetime) -> Backup:
     if not target.parent.is_dir():
         raise ConflictError(f"expected a folder to write to, and {target.parent} is none")
     _throw_away_unfinished(target.parent, now)
+    # Its videos are not packed, and so take what they take; the database packs.
+    videos = sum(path.stat().st_size for _, path in _besides(settings) if path.is_file())
+    room.require(settings, target.parent, videos)
     # Beside the target: there is room there, or the backup is in vain.
     with tempfile.TemporaryDirectory(prefix=_UNFINISHED, dir=target.parent) as folder:
         copy, part = Path(folder) / DATABASE, Path(folder) / "backup.zip"

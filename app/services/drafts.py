@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path, PurePosixPath
 
-from sqlalchemy import delete, select, update
+from sqlalchemy import delete, func, select, update
 from sqlalchemy.orm import Session
 
 from app.storage.records import StudyDraft
@@ -26,11 +26,13 @@ from app.study.recordings import PLAYABLE
 
 from . import (
     access,
+    accounts,
     audit,
     cloning,
     draft_files,
     draft_slugs,
     jobs,
+    room,
     slugs,
     studies,
     transcode_job,
@@ -38,7 +40,13 @@ from . import (
 )
 from .accounts import Experimenter
 from .draft_files import Sent
-from .errors import ChangedMeanwhileError, ConflictError, ForbiddenError, NotFoundError
+from .errors import (
+    ChangedMeanwhileError,
+    ConflictError,
+    ForbiddenError,
+    NoRoomError,
+    NotFoundError,
+)
 from .studio import Studio
 from .tokens import new_public_id
 from .uploads import UploadRefusedError
@@ -96,12 +104,13 @@ def begin(studio: Studio, caller: Experimenter, name: str, sent: Sequence[Sent] 
     """
     if not access.may_make_studies(caller):
         raise ForbiddenError(f"{caller.email} ({caller.role.value}) may not make studies")
+    require_place(studio, caller)
     name = " ".join(name.split())[:LONGEST_NAME] or _name_of(sent) or "A new study"
     public_id = new_public_id()
     draft = Draft(public_id, name, folder_of(studio, public_id), studio.now())
     draft.folder.mkdir(parents=True, mode=0o700)
     try:
-        draft_files.store(draft.folder, sent, _limit(studio))
+        draft_files.store(draft.folder, sent, _limit(studio, caller, draft))
         if not (draft.folder / STUDY_FILE).is_file():
             draft_files.complete(
                 draft.folder,
@@ -126,6 +135,7 @@ def clone(studio: Studio, caller: Experimenter, study: studies.StudyInfo, new_sl
     if not access.may_make_studies(caller):
         raise ForbiddenError(f"{caller.email} ({caller.role.value}) may not make studies")
     is_change = not new_slug or new_slug == study.slug
+    require_place(studio, caller)
     slug = draft_slugs.of_copy(studio, study, study.slug if is_change else new_slug)
     public_id = new_public_id()
     draft = Draft(public_id, slug, folder_of(studio, public_id), studio.now())
@@ -188,11 +198,34 @@ def files(draft: Draft) -> list[DraftFile]:
     return sorted(found, key=lambda file: (not file.is_text, file.name != STUDY_FILE, file.name))
 
 
-def add(studio: Studio, draft: Draft, sent: Sequence[Sent]) -> list[str]:
+def require_place(studio: Studio, caller: Experimenter, coming: int = 0) -> None:
+    """Raises NoRoomError if the caller is making as much as they may, or the disk has no room."""
+    room.require(studio.settings, studio.settings.uploads_dir, coming)
+    most = studio.settings.drafts_per_account
+    with studio.database.read() as session:
+        number = _number(session, caller)
+    if number >= most:
+        raise NoRoomError(
+            f"expected at most {most} studies being made by an account, and you are making"
+            f" {number}: create or throw away one of them first"
+        )
+
+
+def _number(session: Session, caller: Experimenter) -> int:
+    return (
+        session.scalar(
+            select(func.count(StudyDraft.id)).where(StudyDraft.account_id == caller.account_id)
+        )
+        or 0
+    )
+
+
+def add(studio: Studio, caller: Experimenter, draft: Draft, sent: Sequence[Sent]) -> list[str]:
     """Add what was sent, in the place of what has the same name; the names. A zip is unpacked."""
     if not sent:
         raise UploadRefusedError(["Expected a file, got none."])
-    names = draft_files.store(draft.folder, sent, _limit(studio))
+    room.require(studio.settings, draft.folder)
+    names = draft_files.store(draft.folder, sent, _limit(studio, caller, draft))
     draft_files.settle(draft.folder)
     _changed(studio, draft)
     return names
@@ -289,6 +322,10 @@ def _keep_row(
 ) -> None:
     now = draft.changed_at
     with studio.database.write() as session:
+        # Held: of two that are begun at once the second counts the first.
+        accounts.held(session, caller.account_id)
+        if _number(session, caller) >= studio.settings.drafts_per_account:
+            raise NoRoomError("expected fewer studies being made: another was begun just now")
         session.add(
             StudyDraft(
                 public_id=draft.public_id,
@@ -324,8 +361,20 @@ def _touch(session: Session, studio: Studio, draft: Draft) -> None:
     )
 
 
-def _limit(studio: Studio) -> int:
-    return studio.settings.upload_limit_mb * 1_000_000
+def _limit(studio: Studio, caller: Experimenter, draft: Draft) -> int:
+    """Bytes that this draft may take: a study's limit, and what is left of its maker's."""
+    others = sum(
+        uploads.size_of(one.folder)
+        for one in mine(studio, caller)
+        if one.public_id != draft.public_id
+    )
+    left = studio.settings.account_limit_mb * 1_000_000 - others
+    if left <= 0:
+        raise NoRoomError(
+            f"expected at most {studio.settings.account_limit_mb:,} MB in all studies that you are"
+            f" making, and they take {others / 1e6:,.0f} MB: create or throw away one of them first"
+        )
+    return min(studio.settings.upload_limit_mb * 1_000_000, left)
 
 
 def _name_of(sent: Sequence[Sent]) -> str:

@@ -119,6 +119,10 @@ class ConflictError(ServiceError):
     """It cannot be done in the state that things are in."""
 
 
+class NoRoomError(ConflictError):
+    """A disk, or an account's share of it, has no room for what was sent or asked for."""
+
+
 class ChangedMeanwhileError(ConflictError):
     """What a form was filled from has been changed by someone else; nothing was stored."""
 

@@ -20,6 +20,7 @@ from sqlalchemy.engine import CursorResult
 from app.storage.database import Database
 from app.storage.records import Job
 
+from . import room
 from .accounts import Experimenter
 from .errors import NotFoundError, ServiceError
 from .settings import Settings
@@ -68,9 +69,13 @@ def ask(
     request: Mapping[str, Any],
     study_id: int | None = None,
 ) -> JobInfo:
-    """Ask for work of this kind; the same, asked for while it is under way, is done once."""
+    """Ask for work of this kind; the same, asked for while it is under way, is done once.
+
+    Raises NoRoomError, since every kind of work writes to the disk.
+    """
     if kind not in studio.works:
         raise ServiceError(f"expected work among {', '.join(studio.works)}, got {kind!r}")
+    room.require(studio.settings, studio.settings.data_dir)
     with studio.database.write() as session:
         under_way = session.scalars(
             select(Job).where(

@@ -112,6 +112,29 @@ class Settings(BaseSettings):
         int, Field(ge=1, description="What a study made in the browser may take, in megabytes.")
     ] = 4000
 
+    drafts_per_account: Annotated[
+        int, Field(ge=1, description="Studies that one account may be making at a time.")
+    ] = 20
+
+    account_limit_mb: Annotated[
+        int,
+        Field(
+            ge=1,
+            description="What all studies that one account is making may take together, in"
+            " megabytes.",
+        ),
+    ] = 12000
+
+    keep_free_gb: Annotated[
+        float,
+        Field(
+            ge=0,
+            description="Gigabytes of a disk that stay free, or a tenth of the disk if that is"
+            " less: uploads, new studies, jobs and backups that would take them are refused. 0:"
+            " none.",
+        ),
+    ] = 5.0
+
     drafts_kept_days: Annotated[
         int,
         Field(

@@ -22,7 +22,7 @@ from app.study import assignment
 from app.study import folder as study_folder
 from app.study.plan import Plan, plan_hash
 
-from . import audit, handed_out, left_videos, recordings, slugs
+from . import audit, handed_out, left_videos, recordings, room, slugs
 from .errors import ConflictError, NotFoundError, SlugTakenError
 from .studio import Studio
 from .tokens import new_public_id
@@ -110,6 +110,8 @@ def create(
     plan = folder.plan
     if plan.slug in slugs.RESERVED:
         raise ConflictError(f"expected another slug: {plan.slug!r} is a page of the studio's own")
+    sizes = ((folder.root / row.file).stat().st_size for row in folder.recordings)
+    room.require(studio.settings, studio.settings.own_videos, sum(sizes))
     with handed_out.videos(studio.settings, folder) as made:
         videos = {video.name: video for video in made.values()}
         locators = {sha256: video.name for sha256, video in made.items()}

@@ -9,10 +9,16 @@ from fastapi import APIRouter, Form, Request
 from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import RedirectResponse, Response
 
-from app.services import access, drafts, jobs, old_drafts, transcode_job
+from app.services import access, drafts, jobs, old_drafts, room, transcode_job
 from app.services.accounts import Experimenter
 from app.services.drafts import Draft
-from app.services.errors import ChangedMeanwhileError, ConflictError, ForbiddenError, NotFoundError
+from app.services.errors import (
+    ChangedMeanwhileError,
+    ConflictError,
+    ForbiddenError,
+    NoRoomError,
+    NotFoundError,
+)
 from app.services.studio import Studio
 from app.services.uploads import UploadRefusedError
 from app.study.difference import difference, mark_of
@@ -38,11 +44,18 @@ async def begin(request: Request, studio: StudioDep, caller: SignedIn) -> Respon
         await drain(request)
         raise _no_maker(caller)
     try:
+        await run_in_threadpool(drafts.require_place, studio, caller, _coming(request))
+    except NoRoomError as error:
+        await drain(request)
+        return await run_in_threadpool(_new, request, studio, caller, [f"{error}."])
+    try:
         async with sent_form(request, studio, caller) as form:
             name, sent = text_in(form, "name"), sent_files(form)
             draft = await run_in_threadpool(drafts.begin, studio, caller, name, sent)
     except UploadRefusedError as error:
         return await run_in_threadpool(_new, request, studio, caller, error.faults)
+    except NoRoomError as error:
+        return await run_in_threadpool(_new, request, studio, caller, [f"{error}."])
     return _to(draft)
 
 
@@ -59,10 +72,17 @@ async def add(public_id: str, request: Request, studio: StudioDep, caller: Signe
         await drain(request)
         raise
     try:
+        await run_in_threadpool(room.require, studio.settings, draft.folder, _coming(request))
+    except NoRoomError as error:
+        await drain(request)
+        return await run_in_threadpool(_draft_page, request, caller, draft, studio, [f"{error}."])
+    try:
         async with sent_form(request, studio, caller) as form:
-            await run_in_threadpool(drafts.add, studio, draft, sent_files(form))
+            await run_in_threadpool(drafts.add, studio, caller, draft, sent_files(form))
     except UploadRefusedError as error:
         return await run_in_threadpool(_draft_page, request, caller, draft, studio, error.faults)
+    except NoRoomError as error:
+        return await run_in_threadpool(_draft_page, request, caller, draft, studio, [f"{error}."])
     return _to(draft)
 
 
@@ -154,6 +174,12 @@ def _text_page(
 
 def _to(draft: Draft) -> Response:
     return RedirectResponse(f"/drafts/{draft.public_id}", status_code=303)
+
+
+def _coming(request: Request) -> int:
+    """Bytes that the browser says it sends: once on the disk while they come, once in the draft."""
+    said = request.headers.get("content-length", "")
+    return 2 * int(said) if said.isdecimal() and len(said) < 16 else 0
 
 
 def _no_maker(caller: Experimenter) -> ForbiddenError:

@@ -65,7 +65,7 @@ def _page(
         differing=[
             (name, stored.get(name, ""), value.strip())
             for name, value in (typed or {}).items()
-            if value.strip() != stored.get(name, "")
+            if value.strip() != stored.get(name, "") and not _of_no_condition(name, values)
         ],
         languages=[name.partition(":")[2] for name in values if name.startswith("title:")],
         rows=there + _FURTHER,
@@ -110,6 +110,12 @@ def _save(
     except (UneditableError, YamlSyntaxError) as error:
         raise _by_hand(error) from None
     return RedirectResponse(f"/drafts/{draft.public_id}", status_code=303)
+
+
+def _of_no_condition(field: str, values: Mapping[str, str]) -> bool:
+    """Whether a field belongs to one of the lines for further conditions that was left empty."""
+    name, _, index = field.partition(":")
+    return name in ("method", "environment") and not values.get(f"name:{index}", "").strip()
 
 
 def _by_hand(error: Exception) -> UploadRefusedError:

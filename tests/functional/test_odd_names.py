@@ -99,7 +99,7 @@ def test_two_files_of_one_name_are_not_one(desk: Desk, studio: Studio) -> None:
     for first, second in (("a.txt", "A.txt"), ("a.txt", "a.txt"), ("a", "a/b.txt")):
         sent = [Sent(first, packed_file(b"1")), Sent(second, packed_file(b"2"))]
         with pytest.raises(UploadRefusedError, match="Expected"):
-            drafts.add(studio, draft, sent)
+            drafts.add(studio, desk.account, draft, sent)
     assert "a.txt" not in desk.get(here).text
 
 
@@ -126,7 +126,7 @@ def test_no_names_are_a_fault_of_ours(
     draft = drafts.begin(studio, desk.account, "Odd")
     for sent in ([Sent(name, io.BytesIO(content)) for name in names], [_zip_of(names, content)]):
         with contextlib.suppress(UploadRefusedError):
-            drafts.add(studio, draft, sent)
+            drafts.add(studio, desk.account, draft, sent)
         drafts.files(draft)
         assert drafts.text_of(draft, "study.yaml")
     drafts.discard(studio, draft)

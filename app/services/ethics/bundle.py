@@ -14,7 +14,7 @@ from sqlalchemy import select
 
 from app import __version__
 from app.pbbo import ENGINE_VERSION
-from app.services import audit, jobs, sharing
+from app.services import audit, jobs, room, sharing
 from app.services.accounts import Experimenter
 from app.services.errors import NotFoundError
 from app.services.studies import StudyInfo, stored_plan
@@ -108,6 +108,7 @@ def ask(
     studio: Studio, caller: Experimenter, study: StudyInfo, pages: Mapping[str, str]
 ) -> jobs.JobInfo:
     """Ask for the study's bundle. pages: HTML of every screen by `LANGUAGE/NAME`."""
+    room.require(studio.settings, bundle_job.folder(studio.settings))
     files = {f"{bundle_job.SCREENS}/{name}.html": html.encode() for name, html in pages.items()}
     files.update(documents(studio, study))
     laid = bundle_job.lay_ready(studio.settings, files, caller.account_id)

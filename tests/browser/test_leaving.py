@@ -54,10 +54,15 @@ def test_a_receipt_deletes_from_another_browser(
     context.clear_cookies()
     page.goto(delete_url)
     page.get_by_label("Receipt code").fill("not this one")
-    page.get_by_test_id("delete-confirm").click()
+    page.get_by_test_id("delete-find").click()
     expect(page.get_by_role("alert")).to_contain_text("Nothing is kept under this code")
     assert violations(page) == []
     page.get_by_label("Receipt code").fill(receipt.lower().replace("-", " "))
     page.get_by_label("Receipt code").press("Enter")
+    # One press alone deletes nothing.
+    expect(page.get_by_test_id("delete-back")).to_be_visible()
+    assert violations(page) == []
+    assert rows(server, "participants") == 1
+    page.get_by_test_id("delete-confirm").click()
     expect(page.get_by_role("heading", name="Everything is deleted")).to_be_visible()
     assert rows(server, "participants") == 0

@@ -45,17 +45,19 @@ def _changed(**changes: object) -> Variant:
 VARIANTS: Final[Mapping[str, Variant]] = {
     "pbpo, paper's preset": Variant("pbpo", None),
     "pbpo-threshold": Variant("pbpo-threshold", DEFAULT),
+    "pbpo-threshold of engine 2": Variant("pbpo-threshold", Settings.from_mapping({}, "2")),
     "without skips": Variant("pbpo-threshold", DEFAULT, may_skip=False),
     "boldness 1": _changed(threshold_boldness=(1.0,)),
-    "boldness 2": _changed(threshold_boldness=(2.0,)),
-    "boldness 1, 3": _changed(threshold_boldness=(1.0, 3.0)),
+    "boldness 3": _changed(threshold_boldness=(3.0,)),
     "length scale 0.1": _changed(threshold_length_scales=(0.1,)),
     "length scale 0.33": _changed(threshold_length_scales=(0.33,)),
-    "epsilon 0.1": _changed(threshold_epsilon=0.1),
+    "epsilon 0.3": _changed(threshold_epsilon=0.3),
     "epsilon 1": _changed(threshold_epsilon=1.0),
+    "threshold noise 0.4": _changed(threshold_noise=0.4),
     "threshold as noisy as a choice": _changed(threshold_noise=1.0),
-    "covering first phase": _changed(threshold_covering=5),
-    "no first phase": _changed(random_queries=0),
+    "farthest points first": _changed(threshold_design="farthest"),
+    "random pairs first": _changed(threshold_covering=0),
+    "no first phase": _changed(threshold_covering=0, random_queries=0),
 }
 
 if __name__ == "__main__":

@@ -42,7 +42,7 @@ from app.pbbo.methods import METHODS, allows_skip, has_posterior
 from app.pbbo.optimizer import PreferenceOptimizer
 from app.pbbo.preferences import RESPONSES, SKIP_REASONS, Preference, Query, Response, SkipReason
 from app.pbbo.score_optimizer import SCORE_METHODS, SCORE_PRESETS, ScoreOptimizer
-from app.pbbo.settings import PRESETS, ScoreSettings, Settings
+from app.pbbo.settings import PRESETS, ScoreSettings, Settings, defaults_under
 
 __all__ = [
     "ENGINE_VERSION",
@@ -81,5 +81,6 @@ __all__ = [
     "UnknownMethodError",
     "UnknownResponseError",
     "allows_skip",
+    "defaults_under",
     "has_posterior",
 ]

@@ -5,4 +5,4 @@ Raise it whenever the same history and seed may give another query.
 
 from typing import Final
 
-ENGINE_VERSION: Final = "2"
+ENGINE_VERSION: Final = "3"

@@ -37,6 +37,7 @@ from app.pbbo.preferences import (
     checked_response,
     checked_share,
 )
+from app.pbbo.quasi_random import quasi_random_candidates
 from app.pbbo.randomness import Purpose, checked_seed, generator
 from app.pbbo.settings import Settings
 from app.pbbo.synthesis import Learned
@@ -283,7 +284,9 @@ class PreferenceOptimizer:
         if index >= self._settings.threshold_covering:
             return None
         rng = generator(self._seed, Purpose.COVERING, 0)
-        rows = farthest_points(rng, self._candidates.points, 2 * self._settings.threshold_covering)
+        sobol = self._settings.threshold_design == "sobol"
+        cover = quasi_random_candidates if sobol else farthest_points
+        rows = cover(rng, self._candidates.points, 2 * self._settings.threshold_covering)
         # Few candidates are covered before the phase is over.
         pair = rows[2 * index : 2 * index + 2]
         return (int(pair[0]), int(pair[1])) if len(pair) == 2 else None

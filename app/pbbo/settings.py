@@ -13,11 +13,15 @@ from math import isfinite, sqrt
 from types import MappingProxyType
 from typing import Any, Final, Literal
 
+from app.pbbo.engine import ENGINE_VERSION
 from app.pbbo.errors import SettingsError
 from app.pbbo.preferences import SKIP_REASONS, SkipReason
 
 Acquisition = Literal["thompson"]
 ACQUISITIONS: Final[tuple[Acquisition, ...]] = ("thompson",)
+
+Design = Literal["sobol", "farthest"]
+DESIGNS: Final[tuple[Design, ...]] = ("sobol", "farthest")
 
 # Beyond these the kernel matrix is numerically the identity, or numerically of rank one.
 SHORTEST_LENGTH_SCALE: Final = 1e-4
@@ -30,6 +34,20 @@ SMALLEST_SIGNAL_TO_NOISE: Final = 1e-6
 
 # Noise of a comparison with the threshold over that of two candidates; its inverse is the largest.
 SHARPEST_THRESHOLD: Final = 0.01
+
+
+# What the defaults of pbpo-threshold were under earlier engines: a trial that began under one goes
+# on under its settings, and is replayed under them.
+EARLIER_ENGINES: Final = ("1", "2")
+EARLIER_DEFAULTS: Final[Mapping[str, Any]] = MappingProxyType(
+    {
+        "threshold_epsilon": 0.3,
+        "threshold_noise": 0.4,
+        "threshold_covering": 0,
+        "threshold_design": "farthest",
+        "threshold_boldness": (1.0, 1.0, 3.0),
+    }
+)
 
 
 def ordinary_length_scale(paper_length_scale: float) -> float:
@@ -61,6 +79,8 @@ class Settings:
     threshold_noise: noise of a comparison with the threshold, as a share of `threshold_epsilon`.
     threshold_covering: how many queries at first cover the space, whatever the answers, in place
         of `random_queries`; with 0, these are random as for the other methods.
+    threshold_design: how they cover it: by the candidates nearest to scrambled Sobol points
+        ("sobol"), or by farthest points ("farthest"), which gather in corners.
     threshold_skip_means: what a skip without a reason says: "both_bad", that both lie below the
         threshold, or "cannot_tell", that the two are about equal.
     threshold_boldness: how bold the choice of a query is, for one query after the other, from the
@@ -75,11 +95,12 @@ class Settings:
     acquisition: Acquisition = "thompson"
     scale_candidates: bool = True
     threshold_length_scales: tuple[float, ...] = (0.07, 0.12, 0.22, 0.4, 0.7)
-    threshold_epsilon: float = 0.3
-    threshold_noise: float = 0.4
-    threshold_covering: int = 0
+    threshold_epsilon: float = 0.6
+    threshold_noise: float = 0.7
+    threshold_covering: int = 6
+    threshold_design: Design = "sobol"
     threshold_skip_means: SkipReason = "both_bad"
-    threshold_boldness: tuple[float, ...] = (1.0, 1.0, 3.0)
+    threshold_boldness: tuple[float, ...] = (2.0,)
 
     def __post_init__(self) -> None:
         for name in (
@@ -110,6 +131,10 @@ class Settings:
                 f"acquisition: expected one of {', '.join(ACQUISITIONS)}, got {self.acquisition!r}"
             )
 
+        if self.threshold_design not in DESIGNS:
+            raise SettingsError(
+                f"threshold_design: expected {' or '.join(DESIGNS)}, got {self.threshold_design!r}"
+            )
         if self.threshold_skip_means not in SKIP_REASONS:
             raise SettingsError(
                 f"threshold_skip_means: expected {' or '.join(SKIP_REASONS)}, "
@@ -117,9 +142,14 @@ class Settings:
             )
 
     @classmethod
-    def from_mapping(cls, mapping: Mapping[str, Any]) -> "Settings":
-        """Settings from a study's plan: an optional `preset`, and keys that override it."""
-        given = dict(mapping)
+    def from_mapping(
+        cls, mapping: Mapping[str, Any], engine_version: str = ENGINE_VERSION
+    ) -> "Settings":
+        """Settings from a study's plan: an optional `preset`, and keys that override it.
+
+        engine_version: what the plan does not say is as it was under this version.
+        """
+        given = defaults_under(engine_version) | dict(mapping)
         base = cls()
         if "preset" in given:
             name = given.pop("preset")
@@ -164,6 +194,11 @@ class ScoreSettings:
             raise SettingsError(f"kappa: expected a finite number from 0 on, got {self.kappa!r}")
         whole("random_queries", self.random_queries)
         flag("scale_candidates", self.scale_candidates)
+
+
+def defaults_under(engine_version: str) -> dict[str, Any]:
+    """The settings whose defaults were others under this version of the engine, with these."""
+    return dict(EARLIER_DEFAULTS) if engine_version in EARLIER_ENGINES else {}
 
 
 def override(base: Settings, given: Mapping[str, Any]) -> Settings:

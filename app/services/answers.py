@@ -114,7 +114,9 @@ def respond(studio: Studio, token: str, answer: Answer) -> State:
 def _read(session: Session, row: SessionRow, query: QueryRow, answer: Answer) -> _Asked:
     """Raises OutOfOrder, SkipNotOfferedError or SkipReasonError if the answer cannot be taken."""
     sessions.require_asked(row, query.query_index)
-    trial = queries.trial_in_hand(row, query.trial.trial_index, query.trial.seed)
+    trial = queries.trial_in_hand(
+        row, query.trial.trial_index, query.trial.seed, query.engine_version
+    )
     if answer.response == "skip" and not allows_skip(trial.method):
         raise SkipNotOfferedError("expected left or right: this query offers no skip", row.stage)
     _check_reason(row, query, answer)
@@ -240,7 +242,9 @@ def report_fault(studio: Studio, token: str, report: FaultReport) -> State:
                 f"expected at most {MOST_FAULTS} pairs of a session that did not play, and there"
                 " are as many"
             )
-        trial = queries.trial_in_hand(row, query.trial.trial_index, query.trial.seed)
+        trial = queries.trial_in_hand(
+            row, query.trial.trial_index, query.trial.seed, query.engine_version
+        )
         space = studio.proposer.space(trial.study_id, trial.environment)
         instead = replacement(space, trial, tried, studio.recordings.can_be_had)
         now = studio.now()

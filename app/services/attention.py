@@ -9,7 +9,6 @@ from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
-from app.pbbo import ENGINE_VERSION
 from app.study.checks import CandidatePoint, Kind
 
 from .proposals import Clip, NextQuery, Space, TrialInHand
@@ -50,7 +49,7 @@ def attention(
         right=right[1],
         acquisition=GOOD_SIDE[side],
         seed=trial.seed,
-        engine_version=ENGINE_VERSION,
+        engine_version=trial.engine_version,
         likelier=side,
     )
 

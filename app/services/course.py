@@ -12,7 +12,6 @@ from functools import lru_cache
 
 import numpy as np
 
-from app.pbbo import ENGINE_VERSION
 from app.study.checks import Kind, schedule
 from app.study.stages import PRACTICE
 
@@ -129,7 +128,7 @@ def _repeat(
         right=by_id[earlier.left_recording],
         acquisition="repeat",
         seed=trial.seed,
-        engine_version=ENGINE_VERSION,
+        engine_version=trial.engine_version,
         likelier="left",
         repeats=earlier.query_index,
     )
@@ -204,7 +203,7 @@ def _filler(
         right=clips[1][int(rng.integers(len(clips[1])))],
         acquisition="replacement",
         seed=trial.seed,
-        engine_version=ENGINE_VERSION,
+        engine_version=trial.engine_version,
         likelier="left",
     )
 

@@ -76,6 +76,8 @@ class TrialInHand:
     repeats: int = 0
     attention: int = 0
     checks: Checks = field(default=Checks(), hash=False)
+    #: The engine that the trial began under, whose settings it keeps.
+    engine_version: str = ENGINE_VERSION
 
     @property
     def most_learned(self) -> int:
@@ -276,7 +278,7 @@ def _next_query(space: Space, trial: TrialInHand, query: Query, likelier: str) -
         right=right,
         acquisition=query.acquisition,
         seed=query.seed,
-        engine_version=ENGINE_VERSION,
+        engine_version=trial.engine_version,
         likelier=likelier,
     )
 

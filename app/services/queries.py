@@ -10,6 +10,7 @@ import numpy as np
 from sqlalchemy import bindparam, func, select
 from sqlalchemy.orm import Session, contains_eager, joinedload
 
+from app.pbbo import ENGINE_VERSION, defaults_under
 from app.storage.insertion import insert_rows
 from app.storage.one_row import AsOneRow
 from app.storage.tables import Event, QueryRow, Response, SessionRow, Trial, UndoneResponse
@@ -60,8 +61,14 @@ def trial_seed(row: SessionRow, trial_index: int) -> int:
     return int(sequence.generate_state(1, np.uint64)[0] >> np.uint64(16))
 
 
-def trial_in_hand(row: SessionRow, trial_index: int, seed: int) -> TrialInHand:
-    """All that a proposal in this trial of a session depends on."""
+def trial_in_hand(
+    row: SessionRow, trial_index: int, seed: int, engine_version: str = ENGINE_VERSION
+) -> TrialInHand:
+    """All that a proposal in this trial of a session depends on.
+
+    engine_version: the one that the trial began under, as its queries record it. What the plan does
+    not set is as it was then.
+    """
     plan = stored_plan(row.plan)
     # The practice is held as the first trial will be: in its environment, with its skip button.
     condition = plan.conditions[row.trial_conditions[max(trial_index, 0)]]
@@ -69,12 +76,13 @@ def trial_in_hand(row: SessionRow, trial_index: int, seed: int) -> TrialInHand:
         study_id=row.study_id,
         environment=condition.environment,
         method=condition.method,
-        settings=condition.settings,
+        settings=defaults_under(engine_version) | dict(condition.settings),
         seed=seed,
         queries=plan.queries_per_trial,
         repeats=plan.repeats_per_trial,
         attention=plan.attention_per_trial,
         checks=plan.checks,
+        engine_version=engine_version,
     )
 
 

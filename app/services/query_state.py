@@ -91,7 +91,7 @@ def skip_of(plan: Plan, condition: Condition, language: str) -> dict[str, Any] |
 
 def _coming(studio: Studio, row: SessionRow, trial: Standing) -> list[NextQuery]:
     """What may come next, the likeliest first, as far as it is worked out."""
-    in_hand = queries.trial_in_hand(row, trial.trial_index, trial.seed)
+    in_hand = queries.trial_in_hand(row, trial.trial_index, trial.seed, trial.asked.engine_version)
     if trial.trial_index == PRACTICE_INDEX:
         return [_after_practice(studio, row, in_hand)]
     record, query = trial.record, trial.asked

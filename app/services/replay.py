@@ -65,7 +65,9 @@ def replay(studio: Studio, slug: str) -> Iterator[Replayed]:
 
 
 def _differences(studio: Studio, session: Session, trial: Trial) -> Iterator[Difference]:
-    in_hand = queries.trial_in_hand(trial.session, trial.trial_index, trial.seed)
+    in_hand = queries.trial_in_hand(
+        trial.session, trial.trial_index, trial.seed, trial.queries[0].engine_version
+    )
     space = studio.proposer.space(in_hand.study_id, in_hand.environment)
     record = queries.read_record(session, trial.id)
     # What took the place of a video that did not play depends on which ones could be had.

@@ -80,7 +80,9 @@ def path(studio: Studio, session: Session, trial: Trial) -> Found:
 
 def posterior(studio: Studio, session: Session, trial: Trial) -> Found:
     """Posterior mean and deviation over the candidates after all answers so far."""
-    in_hand = queries.trial_in_hand(trial.session, trial.trial_index, trial.seed)
+    in_hand = queries.trial_in_hand(
+        trial.session, trial.trial_index, trial.seed, trial.queries[0].engine_version
+    )
     space = studio.proposer.space(in_hand.study_id, in_hand.environment)
     record = queries.read_record(session, trial.id)
     history = learned(in_hand, record)

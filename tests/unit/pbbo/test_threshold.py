@@ -1,5 +1,7 @@
 """The acceptability threshold: what skips and choices say of it, and what it says of candidates."""
 
+from typing import Literal
+
 import numpy as np
 import pytest
 
@@ -8,6 +10,7 @@ from app.pbbo.candidates import Candidates, FloatArray
 from app.pbbo.comparisons import Comparison
 from app.pbbo.model_averaging import Average, average_over, joint_draws
 from app.pbbo.preferences import Response
+from app.pbbo.quasi_random import quasi_random_candidates
 from app.pbbo.synthesis import Learned
 from app.pbbo.threshold import with_threshold
 
@@ -176,7 +179,7 @@ def test_one_sided_contradictory_and_skipped_answers_leave_a_usable_belief(
 
 
 def test_two_candidates_and_six_dimensions_are_served() -> None:
-    settings = Settings(random_queries=0)
+    settings = Settings(threshold_covering=0, random_queries=0)
     pair = PreferenceOptimizer([[0.0], [1.0]], "pbpo-threshold", 1, settings)
     for _ in range(4):
         pair.tell(pair.ask(), "left")
@@ -190,8 +193,11 @@ def test_two_candidates_and_six_dimensions_are_served() -> None:
         many.tell(query, response)
 
 
-def test_the_first_queries_cover_the_space_whatever_is_answered() -> None:
-    settings = Settings(threshold_covering=5)
+@pytest.mark.parametrize(("design", "reach"), [("sobol", 0.4), ("farthest", 0.3)])
+def test_the_first_queries_cover_the_space_whatever_is_answered(
+    design: Literal["sobol", "farthest"], reach: float
+) -> None:
+    settings = Settings(threshold_covering=5, threshold_design=design)
     shown: list[list[int]] = []
     for response in ("left", "skip"):
         optimizer = PreferenceOptimizer(TRIANGLE, "pbpo-threshold", 8, settings)
@@ -207,7 +213,21 @@ def test_the_first_queries_cover_the_space_whatever_is_answered() -> None:
     assert shown[0] == shown[1]
     away = np.linalg.norm(TRIANGLE[:, None] - TRIANGLE[shown[0]][None], axis=2)
     assert len(set(shown[0])) == 10
-    assert away.min(axis=1).max() < 0.3
+    assert away.min(axis=1).max() < reach
+
+
+@pytest.mark.parametrize("d", [1, 4, 8])
+def test_sobol_points_are_spread_more_evenly_than_random_ones(d: int) -> None:
+    points = np.random.default_rng(0).random((500, d))
+    gaps = []
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        for rows in (quasi_random_candidates(rng, points, 8), rng.permutation(500)[:8]):
+            assert len(set(rows)) == 8
+            away = np.linalg.norm(points[rows][:, None] - points[rows][None], axis=2)
+            gaps.append(away[np.triu_indices(8, 1)].min())
+
+    assert np.mean(gaps[::2]) > np.mean(gaps[1::2])
 
 
 @pytest.mark.parametrize(
@@ -222,6 +242,7 @@ def test_the_first_queries_cover_the_space_whatever_is_answered() -> None:
         ({"threshold_noise": 1e-3}, r"threshold_noise: expected 0.01 to 100"),
         ({"threshold_covering": 1.5}, r"threshold_covering: expected a whole number"),
         ({"threshold_epsilon": "quiet"}, r"threshold_epsilon: expected a number"),
+        ({"threshold_design": "grid"}, r"threshold_design: expected sobol or farthest, got 'grid'"),
         ({"threshold_skip_means": "bad"}, r"threshold_skip_means: expected both_bad or cannot"),
     ],
 )

@@ -120,7 +120,9 @@ def test_an_emptied_field_goes_and_an_emptied_condition_too() -> None:
 
 def test_settings_of_a_condition_that_the_form_does_not_show_stay() -> None:
     text = begin_plan("Pouring").replace(
-        "    method: pbpo\n", "    method: pbpo\n    settings: {preset: paper-env1}\n", 1
+        "    method: pbpo-threshold\n",
+        "    method: pbpo-threshold\n    settings: {preset: paper-env1}\n",
+        1,
     )
     after = sent(text, name__0="renamed")
     assert fields(after)["name:0"] == "renamed"

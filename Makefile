@@ -86,10 +86,10 @@ chaos: $(VENV)/.dev
 calibration: $(VENV)/.app
 	@$(BIN)/python -m app.crane.calibration
 
-# Calls, forms and actions in any order, by chance: so many seconds for each part, then a table. FUZZ_SEED repeats a round.
+# Calls, forms, bodies near the limits and actions in any order, by chance, with a bound on memory: so many seconds for each part, then a table. FUZZ_SEED repeats a round.
 FUZZ_SECONDS ?= 120
 fuzz: $(VENV)/.dev
-	$(BIN)/python -m pytest --fuzz $(FUZZ_SECONDS) $(if $(FUZZ_SEED),--fuzz-seed $(FUZZ_SEED)) $(addprefix tests/functional/test_, openapi.py hostile_forms.py any_order.py)
+	$(BIN)/python -m pytest --fuzz $(FUZZ_SECONDS) $(if $(FUZZ_SEED),--fuzz-seed $(FUZZ_SEED)) $(addprefix tests/functional/test_, openapi.py hostile_forms.py heavy_bodies.py any_order.py)
 
 bench: $(VENV)/.bench
 	@$(BIN)/python -m app.lab.bench

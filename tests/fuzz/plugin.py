@@ -6,17 +6,23 @@ Without it each of them goes one short round, alike each time. A round says its 
 
 from __future__ import annotations
 
+import os
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from itertools import count
 from secrets import randbits
-from typing import Any
+from typing import Any, Final
 
 import hypothesis
 import pytest
 from hypothesis import HealthCheck, Phase
+
+from .watched_process import WatchedProcess
+
+#: By how much a process with the application and its tests may grow after the first round.
+MOST_GROWTH_MB: Final = 500
 
 
 @dataclass
@@ -26,6 +32,7 @@ class Figures:
     seconds: float = 0.0
     seeds: list[int] = field(default_factory=list)
     faults: int = 0
+    grown_mb: float = 0.0
     operations: set[str] = field(default_factory=set)
     statuses: Counter[int] = field(default_factory=Counter)
 
@@ -48,10 +55,16 @@ class Fuzz:
         """Call `one_round(seed)` once, or again and again until the time is over."""
         figures = self.parts.setdefault(part, Figures())
         began = time.monotonic()
+        itself = WatchedProcess(os.getpid())
+        at_first = 0.0
         for seed in self._seeds:
             figures.seeds.append(seed)
             try:
                 one_round(seed)
+                # What is kept between rounds is there after the first.
+                at_first = at_first or itself.memory_mb
+                figures.grown_mb = itself.memory_mb - at_first
+                assert figures.grown_mb < MOST_GROWTH_MB, f"{figures.grown_mb:.0f} MB more"
             except BaseException:
                 figures.faults += 1
                 raise
@@ -77,12 +90,12 @@ class Fuzz:
         )
 
     def table(self) -> Iterator[str]:
-        yield f"{'part':<34}{'s':>6}{'operations':>12}{'cases':>8}{'faults':>8}  statuses"
+        yield f"{'part':<34}{'s':>6}{'operations':>12}{'cases':>8}{'faults':>8}{'MB':>6}  statuses"
         for part, one in self.parts.items():
             statuses = ", ".join(f"{status}: {n}" for status, n in sorted(one.statuses.items()))
             yield (
                 f"{part:<34}{one.seconds:>6.0f}{len(one.operations):>12}"
-                f"{one.statuses.total():>8}{one.faults:>8}  {statuses}"
+                f"{one.statuses.total():>8}{one.faults:>8}{one.grown_mb:>6.0f}  {statuses}"
             )
             yield f"{'':<34}seeds {one.seeds[0]} to {one.seeds[-1]}" if one.seeds else ""
 

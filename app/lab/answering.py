@@ -12,13 +12,15 @@ from typing import Final
 
 import numpy as np
 
-from .evaluators import Evaluator, Lapsing, LeftAtFirst, Uncertain
+from .evaluators import Discerning, Evaluator, Lapsing, LeftAtFirst, Uncertain
 from .problems import Problem
 
 #: Skip levels drawn for an evaluator lie within this many deviations of g around its mean.
 DRAWN_LEVELS: Final = 1.0
 #: How many queries an evaluator who does not look answers left.
 LEFT_QUERIES: Final = 5
+#: The just-noticeable difference of one who also skips where they cannot tell, in deviations of g.
+NOTICEABLE: Final = 0.4
 
 
 def uncertain(
@@ -42,5 +44,8 @@ EVALUATORS: Final[dict[str, Callable[[Problem, np.random.Generator], Evaluator]]
         problem, rng, level=float(rng.uniform(-DRAWN_LEVELS, DRAWN_LEVELS))
     ),
     "no-skip": lambda problem, rng: uncertain(problem, rng, level=None),
+    "cannot-tell": lambda problem, rng: Discerning(
+        uncertain(problem, rng), NOTICEABLE * problem.deviation
+    ),
     "left-at-first": lambda problem, rng: LeftAtFirst(uncertain(problem, rng), LEFT_QUERIES),
 }

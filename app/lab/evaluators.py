@@ -7,6 +7,8 @@ from typing import Literal, Protocol
 
 import numpy as np
 
+from app.pbbo import SkipReason
+
 Response = Literal["left", "right", "skip"]
 
 #: Steepness of the uncertain evaluator's choice, per unit of g (paper section VI-A, eta).
@@ -52,6 +54,28 @@ class Uncertain:
 
 def _both_bad(left: float, right: float, threshold: float | None) -> bool:
     return threshold is not None and left < threshold and right < threshold
+
+
+@dataclass
+class Discerning:
+    """Cannot tell two runs apart whose g differ by less than a just-noticeable difference.
+
+    Where both are bad that is what is said; otherwise the skip is a tie.  reason: of the last skip.
+    """
+
+    usual: Uncertain
+    noticeable: float
+    reason: SkipReason | None = None
+
+    def respond(self, left: float, right: float, *, may_skip: bool) -> Response:
+        self.reason = None
+        response = self.usual.respond(left, right, may_skip=may_skip)
+        if response == "skip":
+            self.reason = "both_bad"
+        elif may_skip and abs(left - right) < self.noticeable:
+            self.reason = "cannot_tell"
+            return "skip"
+        return response
 
 
 @dataclass(frozen=True)

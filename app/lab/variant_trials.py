@@ -15,6 +15,7 @@ import numpy as np
 from app.pbbo import PreferenceOptimizer, allows_skip
 
 from .answering import EVALUATORS
+from .evaluators import Discerning
 from .peers import PEERS
 from .problems import PROBLEMS, Problem
 from .variants import VARIANTS, Variant
@@ -23,6 +24,9 @@ from .variants import VARIANTS, Variant
 LOOKS: Final = (10, 15, 20, 30)
 #: A peer's first queries are random pairs.
 PEER_RANDOM: Final = 5
+
+#: The method that learns from ties.
+TIES_METHOD: Final = "pbpo-threshold"
 
 #: Streams of a trial's evaluator, and of a peer's random pairs.
 ANSWERS: Final = 1
@@ -71,7 +75,13 @@ def trial(
     for done in range(1, queries + 1):
         query = optimizer.ask()
         left, right = shown(problem, query.left, query.right, rng)
-        optimizer.tell(query, evaluator.respond(left, right, may_skip=may_skip))
+        response = evaluator.respond(left, right, may_skip=may_skip)
+        reason = evaluator.reason if isinstance(evaluator, Discerning) else None
+        if reason == "cannot_tell" and variant.ties == "forced":
+            # No such button: one of the two is pressed all the same, as likely either.
+            response, reason = ("left", "right")[int(rng.integers(2))], None
+        told = reason if variant.ties == "learned" and variant.method == TIES_METHOD else None
+        optimizer.tell(query, response, reason=told)
         if done in LOOKS:
             regrets.append(problem.regret(optimizer.best()))
     return regrets

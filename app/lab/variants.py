@@ -14,18 +14,23 @@ for _variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
 
 from collections.abc import Mapping  # noqa: E402
 from dataclasses import dataclass, replace  # noqa: E402
-from typing import Final  # noqa: E402
+from typing import Final, Literal  # noqa: E402
 
 from app.pbbo import PRESETS, Settings  # noqa: E402
 
 
 @dataclass(frozen=True)
 class Variant:
-    """settings: None for the paper's own, of the environment. may_skip: whether it is offered."""
+    """settings: None for the paper's own, of the environment. may_skip: whether it is offered.
+
+    ties: what becomes of "I cannot tell": it is learned as a tie, taken for "both are bad", or
+    there is no such button, and an evaluator who cannot tell presses either side.
+    """
 
     method: str
     settings: Settings | None
     may_skip: bool = True
+    ties: Literal["learned", "as both bad", "forced"] = "learned"
 
     def settings_on(self, problem: str) -> Settings:
         """The settings on this problem; the paper has none for problems that are not its own."""
@@ -47,6 +52,8 @@ VARIANTS: Final[Mapping[str, Variant]] = {
     "pbpo-threshold": Variant("pbpo-threshold", DEFAULT),
     "pbpo-threshold of engine 2": Variant("pbpo-threshold", Settings.from_mapping({}, "2")),
     "without skips": Variant("pbpo-threshold", DEFAULT, may_skip=False),
+    "ties taken for both bad": Variant("pbpo-threshold", DEFAULT, ties="as both bad"),
+    "ties forced to a choice": Variant("pbpo-threshold", DEFAULT, ties="forced"),
     "boldness 1": _changed(threshold_boldness=(1.0,)),
     "boldness 3": _changed(threshold_boldness=(3.0,)),
     "length scale 0.1": _changed(threshold_length_scales=(0.1,)),

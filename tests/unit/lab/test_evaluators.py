@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from app.lab.answering import EVALUATORS
-from app.lab.evaluators import ETA, Certain, Lapsing, LeftAtFirst, Uncertain
+from app.lab.evaluators import ETA, Certain, Discerning, Lapsing, LeftAtFirst, Uncertain
 from app.lab.problems import PROBLEMS
 
 
@@ -77,3 +77,16 @@ def test_every_named_evaluator_skips_at_its_own_level() -> None:
         assert (answered == "skip") is skips
     above = problem.mean + 0.5 * problem.deviation
     assert made["skip-high"].respond(above, above, may_skip=True) == "skip"
+
+
+def test_one_who_cannot_tell_says_so_and_of_two_bad_runs_that_they_are_bad() -> None:
+    rng = np.random.default_rng(0)
+    evaluator = Discerning(Uncertain(rng, skip_below=0.0), noticeable=5.0)
+
+    said = [
+        (evaluator.respond(left, right, may_skip=True), evaluator.reason)
+        for left, right in ((20.0, 16.0), (-3.0, -2.0), (900.0, 1.0))
+    ]
+
+    assert said == [("skip", "cannot_tell"), ("skip", "both_bad"), ("left", None)]
+    assert evaluator.respond(20.0, 16.0, may_skip=False) != "skip"

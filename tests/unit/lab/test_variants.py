@@ -115,3 +115,14 @@ def test_the_command_prints_a_table_for_each_look(
     printed = capsys.readouterr().out
     assert f"uncertain, after {LOOKS[0]} queries" in printed
     assert printed.count("| pbpo") == 2
+
+
+def test_ties_are_learned_taken_for_bad_or_forced() -> None:
+    names = ["pbpo-threshold", "ties taken for both bad", "ties forced to a choice"]
+    found = {
+        name: run_call(Call(name, "branin", "cannot-tell", 3), queries=15).regrets for name in names
+    }
+    paper = run_call(Call("pbpo, paper's preset", "branin", "cannot-tell", 3), queries=15)
+
+    assert len(set(found.values())) == 3
+    assert len(paper.regrets) == 2

@@ -46,7 +46,7 @@ from .modes import LIVE, PILOT, PREVIEW, SIMULATED
 from .state import State
 from .studio import Studio
 from .tokens import (
-    arrival_token,
+    form_token,
     is_secret,
     new_pseudonym,
     new_secret,
@@ -117,11 +117,14 @@ def entrance(
     )
 
 
-def begun(studio: Studio, slug: str, arrival: str) -> str | None:
-    """The token of the session that the consent form of this value has begun; None if none yet."""
-    if not is_secret(arrival):
+def begun(studio: Studio, slug: str, arrival: str, browser: str) -> str | None:
+    """The token of the session that the consent form of this value has begun; None if none yet.
+
+    arrival, browser: as `start` has them.
+    """
+    token = _token_of_form(studio, slug, arrival, browser)
+    if token is None:
         return None
-    token = arrival_token(slug, arrival)
     with studio.database.read() as session:
         return token if _session_of(studio, session, token) is not None else None
 
@@ -138,6 +141,7 @@ def start(
     after: str | None = None,
     arrival: str = "",
     is_signed: bool = False,
+    browser: str = "",
 ) -> tuple[str, State]:
     """Begin a session: a token, shown this once, and its state.
 
@@ -145,8 +149,9 @@ def start(
 
     after: the token of a session that was left for too long, where the study lets one begin anew.
     arrival: the random value of the consent form that begins the session; sent again, the form
-    leads into the session that it began. is_signed: whether the platform's signature on the ids was
-    verified.
+    leads into the session that it began. browser: the secret in a cookie of the browser that sends
+    it; a form that another browser sends leads elsewhere. is_signed: whether the platform's
+    signature on the ids was verified.
     Raises AlreadyTakenPartError where the study does not let a person in twice, KnownPersonError
     where somebody of these ids has begun, EntryLinkError where the study wants a link for each
     person and this one lets nobody in, and TooManyBegunError.
@@ -156,7 +161,7 @@ def start(
             f"expected an experimenter of the study, signed in or with an API token: nobody else"
             f" may begin a session of the mode {mode!r}"
         )
-    token = arrival_token(slug, arrival) if is_secret(arrival) else new_secret()
+    token = _token_of_form(studio, slug, arrival, browser) or new_secret()
     seed = studio.seed()
     with studio.database.write() as session:
         # One arrival at a time: the same person in two windows is seen to be the same.
@@ -224,6 +229,14 @@ def start(
     if given.unfilled and mode == LIVE:
         studio.faults.note(Kind.UNFILLED, Where(slug=slug))
     return token, state
+
+
+def _token_of_form(studio: Studio, slug: str, arrival: str, browser: str) -> str | None:
+    """None where two people could have thought of these values."""
+    if not (is_secret(arrival) and is_secret(browser)):
+        return None
+    key = studio.secret.key("sessions of consent forms")
+    return form_token(key, slug, browser, arrival)
 
 
 def _session_of(studio: Studio, session: Session, token: str) -> SessionRow | None:

@@ -6,6 +6,9 @@ looked again: two tabs, a double click or a retry find that it was done.
 
 from __future__ import annotations
 
+from sqlalchemy import delete
+
+from app.storage.arrivals import Reentry
 from app.storage.tables import Event, SessionRow
 from app.study import protocol
 from app.study.protocol import Stage
@@ -15,6 +18,7 @@ from . import consents, playlist, sessions, studies, trials
 from . import state as session_state
 from .state import State
 from .studio import Studio
+from .tokens import form_token, is_secret, new_secret, receipt_code, receipt_hash, secret_hash
 
 
 def current(studio: Studio, token: str) -> State:
@@ -23,8 +27,12 @@ def current(studio: Studio, token: str) -> State:
         return session_state.describe(studio, session, sessions.find(studio, session, token))
 
 
-def consent(studio: Studio, token: str, version: str) -> State:
-    """Agree to the consent of `version`. Raises StaleConsent if the text is another one now."""
+def consent(studio: Studio, token: str, version: str, *, successor: str | None = None) -> State:
+    """Agree to the consent of `version`. Raises StaleConsent if the text is another one now.
+
+    successor: the token that takes this one's place at the first consent, with its own receipt.
+    Before consent somebody may have planted a token that they know in the browser.
+    """
     with studio.database.write() as session:
         row = sessions.find(studio, session, token, to_write=True)
         changed = consents.due(session, row)
@@ -39,12 +47,27 @@ def consent(studio: Studio, token: str, version: str) -> State:
         event = protocol.Consented(version=version, current_version=now_in_force)
         sessions.advance(studio, row, event)
         consents.agree(session, row, version, studio.now())
+        if successor is not None:
+            row.token_hash = secret_hash(successor)
+            row.receipt_hash = receipt_hash(receipt_code(successor))
+            session.execute(delete(Reentry).where(Reentry.session_id == row.id))
         state = session_state.describe(studio, session, row)
         first = trials.first_query(studio, row)
         coming = [*playlist.test_clips(studio, row), first.left, first.right]
         coming.extend(playlist.clips(studio, row))
     studio.proposer.render(coming)
     return state
+
+
+def successor_of(studio: Studio, token: str, browser: str) -> str:
+    """The token that takes this one's place when its browser agrees.
+
+    browser: the secret in a cookie of the browser, which with the server's own makes it the same
+    for a form that is sent twice.
+    """
+    if not is_secret(browser):
+        return new_secret()
+    return form_token(studio.secret.key("tokens at consent"), "successor", browser, token)
 
 
 def go_on(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import hmac
 import re
 import secrets
 import string
@@ -32,13 +33,15 @@ def secret_hash(secret: str) -> str:
     return hashlib.sha256(secret.encode()).hexdigest()
 
 
-def arrival_token(slug: str, arrival: str) -> str:
-    """The token of the session that the consent form of this random value begins.
+def form_token(key: bytes, purpose: str, browser: str, sent: str) -> str:
+    """The token that a form leads to: HMAC-SHA256 of what it sent and of the browser's own secret.
 
-    The same form sent twice, before the first answer has brought the browser its cookie, so leads
-    to one session. `arrival` is a `new_secret()` that only the form holds.
+    The same form sent twice by one browser, before the first answer has brought it its cookie, so
+    leads to one session. key: the server's; without it nobody computes the token from what the form
+    sent, and without the browser's secret the server computes another one.
     """
-    return hashlib.sha256(f"arrival:{slug}:{arrival}".encode()).hexdigest()
+    said = f"{purpose}:{browser}:{sent}"
+    return hmac.new(key, said.encode(), hashlib.sha256).hexdigest()
 
 
 def is_secret(value: str) -> bool:

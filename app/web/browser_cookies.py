@@ -1,7 +1,7 @@
 """The cookies of an evaluator's browser: whether it keeps any, and how long it keeps a session's.
 
-A session begins only once the browser has brought back a cookie that says nothing: where cookies
-are blocked, each press would begin another one, and spend a place or a personal link.
+A session begins only once the browser has brought back a cookie of ours: where cookies are blocked,
+each press would begin another one, and spend a place or a personal link.
 """
 
 from __future__ import annotations
@@ -14,12 +14,13 @@ from fastapi.responses import RedirectResponse, Response
 
 from app.services import holding
 from app.services.studio import Studio
-from app.services.tokens import secret_hash
+from app.services.tokens import is_secret, new_secret, secret_hash
 
 from . import entrances
 from .security import SESSION_COOKIE_SECONDS, session_cookie, set_cookie
 
-#: Says nothing but that the browser keeps cookies; it goes when the browser is closed.
+#: Shows that the browser keeps cookies, and binds to it the form that begins a session: a random
+#: value that is stored nowhere else and goes when the browser is closed.
 _KEEPS = "pbpo_keeps_cookies"
 #: In the address to which a form was sent on, with the cookie, to see whether it comes back.
 _SENT_ON = "cookie"
@@ -29,9 +30,14 @@ _RECEIPT_SECONDS = 600
 
 def show_that_kept(request: Request, studio: Studio, response: Response) -> Response:
     """Hand out the cookie that shows it, with a page whose form begins a session."""
-    if _KEEPS not in request.cookies:
-        set_cookie(response, studio, _KEEPS, "1")
+    if not is_secret(secret_of(request)):
+        set_cookie(response, studio, _KEEPS, new_secret())
     return response
+
+
+def secret_of(request: Request) -> str:
+    """The value by which the forms of this browser are told from those of others."""
+    return request.cookies.get(_KEEPS, "")
 
 
 def are_kept(request: Request, slug: str) -> bool:

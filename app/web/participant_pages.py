@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Form, Request
@@ -65,6 +66,8 @@ def enter(slug: str, request: Request, studio: StudioDep) -> Response:
     except SignInRequiredError:
         return _arrival(request, slug, studio)
     response = stage_page(request, slug, state)
+    if state["stage"] == "consent":
+        browser_cookies.show_that_kept(request, studio, response)
     if state["stage"] in ENDED:
         browser_cookies.still_has_ended(request, response, studio, slug, token)
     return response
@@ -97,16 +100,34 @@ def consent(
     if holder is Holder.UNCERTAIN:
         return to_stage(slug, request.url.query)
     token = request.cookies.get(session_cookie(slug)) if holder is Holder.SAME else None
-    entry = None
-    if token is None or not is_known(studio, token):
-        begun = admission.begun(studio, slug, arrival)
-        entered = begun or _enter(request, slug, studio, version, arrival, after=token)
-        if isinstance(entered, Response):
-            return entered
-        token, entry = entered, arrivals.entry(request)
-    response = do(request, slug, lambda: participation.consent(studio, token, version))
-    browser_cookies.keep_session(response, studio, slug, token, entry)
+    browser = browser_cookies.secret_of(request)
+    if token is not None:
+        successor = participation.successor_of(studio, token, browser)
+        if is_known(studio, token) or is_known(studio, successor):
+            response = _agree(request, slug, studio, token, version, successor)
+            kept = successor if is_known(studio, successor) else token
+            browser_cookies.keep_session(response, studio, slug, kept)
+            return response
+    entered = admission.begun(studio, slug, arrival, browser) or _enter(
+        request, slug, studio, version, arrival, after=token
+    )
+    if isinstance(entered, Response):
+        return entered
+    response = _agree(request, slug, studio, entered, version)
+    browser_cookies.keep_session(response, studio, slug, entered, arrivals.entry(request))
     return response
+
+
+def _agree(
+    request: Request,
+    slug: str,
+    studio: Studio,
+    token: str,
+    version: str,
+    successor: str | None = None,
+) -> Response:
+    agreed = partial(participation.consent, studio, token, version, successor=successor)
+    return do(request, slug, agreed)
 
 
 def _enter(
@@ -142,6 +163,7 @@ def _enter(
             after=after,
             arrival=arrival,
             is_signed=is_signed,
+            browser=browser_cookies.secret_of(request),
         )
     except (EntryLinkError, AlreadyTakenPartError, KnownPersonError) as error:
         return turned_away.refused(request, slug, studio, error)

@@ -36,7 +36,7 @@ LEFT_OUT: Final = "left_out"
 NAMES: Final = frozenset(
     (
         *("shown", "visible", "hidden", "blur", "focus", "fullscreen", "pressed", "replay"),
-        *("playing", "ended", "retry", "recovered", "stall", "error", "start_skew"),
+        *("playing", "ended", "retry", "recovered", "stall", "halted", "error", "start_skew"),
         *("watched", "width", "dropped_frames", "worst_drift", "replays"),
         *("play", "pause", "stalled", "waiting", "seeking", "seeked", "ratechange", "canplay"),
     )

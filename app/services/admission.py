@@ -254,7 +254,7 @@ def _left_behind(
     if row is None:
         return None
     plan = studies.stored_plan(row.plan)
-    is_left = plan.resume.policy == "restart" and places.is_too_old(plan, row, studio.now())
+    is_left = plan.resume.policy == "restart" and sessions.is_too_old(plan, row, studio.now())
     return row if is_left and row.study_id == study.id else None
 
 

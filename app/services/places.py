@@ -9,11 +9,10 @@ from sqlalchemy import ColumnElement, and_, func, or_, select
 from sqlalchemy.orm import Session
 
 from app.storage.tables import SessionRow
-from app.study.plan import Plan
 from app.study.protocol import Stage
 
 from . import state as session_state
-from .errors import SessionTooOldError, StudyFullError
+from .errors import StudyFullError
 from .studies import StudyInfo
 
 
@@ -32,26 +31,6 @@ def require(session: Session, study: StudyInfo, mode: str, now: datetime) -> Non
     places = study.plan.places
     if places is not None and by_order(session, study, mode, now).total() >= places:
         raise StudyFullError(f"all {places} places of the study {study.slug!r} are taken")
-
-
-def refuse_if_too_old(plan: Plan, row: SessionRow, now: datetime) -> None:
-    """Raises SessionTooOldError if the session was left for too long to be resumed."""
-    if is_too_old(plan, row, now):
-        raise SessionTooOldError(
-            f"expected to be back within {plan.resume.max_age_hours:g} hours,"
-            f" the session was left at {row.last_seen_at.isoformat(timespec='seconds')}",
-            plan.resume.policy,
-        )
-
-
-def is_too_old(plan: Plan, row: SessionRow, now: datetime) -> bool:
-    """Whether an unfinished session was left for longer than its study lets one resume it."""
-    hours = plan.resume.max_age_hours
-    return (
-        hours is not None
-        and row.stage not in session_state.ENDED
-        and now - row.last_seen_at >= timedelta(hours=hours)
-    )
 
 
 def _held(study: StudyInfo, now: datetime) -> ColumnElement[bool]:

@@ -17,7 +17,7 @@ from app.storage.tables import Identity, Participant, SessionRow, Study
 from app.study import recruitment as rules
 from app.study.plan import Plan
 
-from . import places, recruitment, studies
+from . import recruitment, sessions, studies
 from . import state as session_state
 from .errors import AlreadyTakenPartError, KnownPersonError, NotFoundError
 from .studio import Studio
@@ -154,8 +154,8 @@ def may_go_on(studio: Studio, plan: Plan, earlier: SessionRow) -> bool:
     """
     its_plan, now = studies.stored_plan(earlier.plan), studio.now()
     if its_plan.resume.policy == "block":
-        places.refuse_if_too_old(its_plan, earlier, now)
-    if places.is_too_old(its_plan, earlier, now):
+        sessions.refuse_if_too_old(its_plan, earlier, now)
+    if sessions.is_too_old(its_plan, earlier, now):
         return False
     ended = earlier.stage in session_state.ENDED
     return plan.recruitment.returning == "resume" and (ended or studio.now() < earlier.expires_at)

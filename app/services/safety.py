@@ -16,8 +16,9 @@ from sqlalchemy.engine import URL, make_url
 
 from . import accounts, demo
 from .errors import ConflictError
+from .extras import require_queue
 from .settings import Settings, misspelt_settings
-from .studio import Studio, require_queue
+from .studio import Studio
 
 #: Bits of a folder's mode that let others than its owner in.
 _OTHERS = stat.S_IRWXG | stat.S_IRWXO

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from datetime import datetime, timedelta
+
 from sqlalchemy import bindparam, select
 from sqlalchemy.orm import Session, joinedload
 
 from app.storage.arrivals import Reentry
 from app.storage.tables import PlanVersion, SessionRow, Study
 from app.study import protocol
+from app.study.plan import Plan
 
-from . import consents, places, studies
+from . import consents, studies
 from . import state as session_state
-from .errors import SessionExpiredError, SignInRequiredError
+from .errors import SessionExpiredError, SessionTooOldError, SignInRequiredError
 from .studio import Studio
 from .tokens import secret_hash
 
@@ -40,8 +43,28 @@ def find(
             f"the session expired at {row.expires_at.isoformat(timespec='seconds')}"
         )
     if not even_expired:
-        places.refuse_if_too_old(studies.stored_plan(row.plan), row, studio.now())
+        refuse_if_too_old(studies.stored_plan(row.plan), row, studio.now())
     return row
+
+
+def refuse_if_too_old(plan: Plan, row: SessionRow, now: datetime) -> None:
+    """Raises SessionTooOldError if the session was left for too long to be resumed."""
+    if is_too_old(plan, row, now):
+        raise SessionTooOldError(
+            f"expected to be back within {plan.resume.max_age_hours:g} hours,"
+            f" the session was left at {row.last_seen_at.isoformat(timespec='seconds')}",
+            plan.resume.policy,
+        )
+
+
+def is_too_old(plan: Plan, row: SessionRow, now: datetime) -> bool:
+    """Whether an unfinished session was left for longer than its study lets one resume it."""
+    hours = plan.resume.max_age_hours
+    return (
+        hours is not None
+        and row.stage not in session_state.ENDED
+        and now - row.last_seen_at >= timedelta(hours=hours)
+    )
 
 
 def require_asked(row: SessionRow, query_index: int) -> None:

@@ -7,7 +7,6 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from importlib.util import find_spec
 from pathlib import Path
 from types import MappingProxyType
 
@@ -22,6 +21,7 @@ from . import transcode_job
 from .background import Background
 from .errors import ConflictError
 from .ethics import bundle_job
+from .extras import require_queue
 from .fault_counts import FaultCounts
 from .in_process import InProcess
 from .ledger import Ledger
@@ -161,15 +161,6 @@ def _require_whole(database: Database) -> None:
             dumps.require_whole(connection)
         except dumps.DumpError as error:
             raise ConflictError(str(error)) from None
-
-
-def require_queue() -> None:
-    """Raises ConflictError where what workers need is not installed: others do without."""
-    if find_spec("procrastinate") is None:
-        raise ConflictError(
-            "expected Procrastinate to be installed, which PBPO_WORKERS_APART needs, and it is not:"
-            " pip install 'pbpo-studio[postgresql]'"
-        )
 
 
 def _with_workers(database: Database, background: Background | None) -> Background:

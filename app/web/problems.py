@@ -10,6 +10,7 @@ from typing import Any
 from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse, Response
+from pydantic import BaseModel, ConfigDict, Field
 from sqlalchemy.exc import DataError, IntegrityError, OperationalError
 from sqlalchemy.exc import TimeoutError as WaitedTooLongError
 from starlette.exceptions import HTTPException
@@ -23,16 +24,27 @@ from app.study.shortening import shortened
 
 from . import languages
 from .refusal_size import bounded, sentence
-from .schemas import Problem
 from .templating import DEFAULTS, page
 from .words import spoken, translatable, translated
 
 log = logging.getLogger(__name__)
 
+
 MEDIA_TYPE = "application/problem+json"
 
 #: Stable names: programs tell one refusal from another by them.
 TYPE_PREFIX = "urn:pbpo-studio:problem:"
+
+
+class Problem(BaseModel):
+    """A refusal, as RFC 9457 has it. Some kinds say more, such as the stage a session is in."""
+
+    model_config = ConfigDict(extra="allow")
+
+    type: str = Field(description="Stable: programs tell one kind of refusal from another by it.")
+    title: str
+    status: int
+    detail: str = Field(description="What was expected, and what came.")
 
 
 @dataclass(frozen=True)

@@ -199,14 +199,3 @@ class ReportFault(_In):
     events_left_out: LeftOut = 0
 
     _bounded = model_validator(mode="before")(_few_events)
-
-
-class Problem(BaseModel):
-    """A refusal, as RFC 9457 has it. Some kinds say more, such as the stage a session is in."""
-
-    model_config = ConfigDict(extra="allow")
-
-    type: str = Field(description="Stable: programs tell one kind of refusal from another by it.")
-    title: str
-    status: int
-    detail: str = Field(description="What was expected, and what came.")

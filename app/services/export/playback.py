@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from itertools import groupby
 
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
+from app.services.watch_summary import summary
 from app.storage.tables import Event, QueryRow, Response, SessionRow, Trial
 from app.study.plan import Plan
 
-from .cells import Value
 from .columns import (
     QUERY,
     SESSION,
@@ -28,9 +27,6 @@ from .columns import (
     number,
     of_trials,
 )
-
-#: What the server adds when what was seen so far does not belong to the answer that stays.
-CLOSINGS = frozenset({"set_aside", "undone"})
 
 #: A session's key in the database, a trial's index, a query's index.
 Place = tuple[int, int, int]
@@ -89,54 +85,6 @@ def _events_by_place(
 
     for at, rows in groupby(fetch(session, statement), key=place):
         yield at, [event for _, event in rows]
-
-
-def summary(events: Sequence[Event]) -> Row:
-    """The columns after the place; all empty where the browser told nothing. In their order."""
-    closed = [place for place, event in enumerate(events) if event.event in CLOSINGS]
-    events = events[closed[-1] + 1 :] if closed else events
-    if not events:
-        return (None,) * 12
-
-    def of(name: str, side: str | None = None) -> list[Event]:
-        return [event for event in events if event.event == name and side in (None, event.side)]
-
-    return (
-        _whole(_last(of("replays")), len(of("replay"))),
-        _last(of("watched", "left")),
-        _last(of("watched", "right")),
-        _whole(_total(_last(of("dropped_frames", side)) for side in ("left", "right"))),
-        len(of("stall")),
-        _last(of("start_skew")),
-        _last(of("worst_drift")),
-        _last(of("width", "left")),
-        _last(of("width", "right")),
-        bool(of("hidden")),
-        bool(of("blur")),
-        any(_number(event.value) == 1 for event in of("fullscreen")),
-    )
-
-
-def _number(value: str | None) -> float | None:
-    """An event's value as a number; any program may have sent any text."""
-    try:
-        number = float(value or "")
-    except ValueError:
-        return None
-    return number if math.isfinite(number) else None
-
-
-def _last(events: Sequence[Event]) -> float | None:
-    return _number(events[-1].value) if events else None
-
-
-def _total(numbers: Iterable[float | None]) -> float | None:
-    told = [number for number in numbers if number is not None]
-    return sum(told) if told else None
-
-
-def _whole(number: float | None, otherwise: int | None = None) -> Value:
-    return otherwise if number is None else int(number)
 
 
 PLAYBACK = Table(

@@ -13,11 +13,11 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session, joinedload, selectinload
 
 from app.services.errors import NotFoundError
-from app.services.export.playback import summary
 from app.services.proposals import Clip, Space
 from app.services.recordings import video_url
 from app.services.studies import StudyInfo
 from app.services.studio import Studio
+from app.services.watch_summary import summary
 from app.storage.tables import (
     Acquired,
     Event,
@@ -43,7 +43,7 @@ class Video:
 @dataclass(frozen=True)
 class Asked:
     """One query. preferences: winner, loser, and whether synthesised. seen: what the browser told
-    (app.services.export.playback.summary); None where it told nothing."""
+    (app.services.watch_summary.summary); None where it told nothing."""
 
     number: int
     trial_type: str

@@ -11,6 +11,7 @@ from app.services.state import State
 from app.services.studio import Studio
 
 from .failing_kindly import FailingKindly
+from .privacy_sentences import sentences
 from .security import StudioDep
 from .session_pages import about, render, token_of
 from .words import translatable
@@ -23,14 +24,16 @@ def privacy(slug: str, request: Request, studio: StudioDep) -> Response:
     """The page, in the language of the browser's session if there is one."""
     plan = studies.find(studio, slug).plan
     state = _state(slug, request, studio)
+    said = about(request, plan, state["language"] if state else None)
     return render(
         request,
         slug,
         "participant/privacy.html",
         translatable("Your privacy"),
         state,
-        **about(request, plan, state["language"] if state else None),
+        **said,
         plan=plan,
+        sentences=sentences(studio, plan, said["language"]),
     )
 
 

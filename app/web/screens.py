@@ -20,6 +20,7 @@ from app.services.studies import StudyInfo
 from app.services.studio import Studio
 from app.services.tokens import receipt_code
 
+from .privacy_sentences import sentences
 from .security import session_cookie
 from .session_pages import about, render
 from .stage_pages import stage_page
@@ -77,7 +78,15 @@ def _pages(
     said = about(request, study.plan, language)
     yield (
         "privacy",
-        render(request, slug, "participant/privacy.html", "Your privacy", **said, plan=study.plan),
+        render(
+            request,
+            slug,
+            "participant/privacy.html",
+            "Your privacy",
+            **said,
+            plan=study.plan,
+            sentences=sentences(studio, study.plan, said["language"]),
+        ),
     )
     asked: dict[str, Any] = {"fault": None, "typed": "", "is_found": False}
     title = "Delete my answers"

@@ -104,13 +104,50 @@ def test_psych_ds_keeps_the_rules_of_its_specification(exports: Exports) -> None
 def test_psych_ds_holds_the_same_tables(exports: Exports) -> None:
     tables, dataset = exports.files("csv"), exports.files("psych-ds")
     for table in export.ZIPPED[:-1]:
-        assert (
-            dataset[f"data/study-short_table-{table.name}_data.csv"]
-            == (tables[f"{table.name}.csv"])
-        )
-    assert dataset["documentation/data_dictionary.csv"] == tables["data_dictionary.csv"]
+        published = dataset[f"data/study-short_table-{table.name}_data.csv"]
+        assert without_times(published) == without_times(tables[f"{table.name}.csv"]), table.name
     assert b"Choose the video" in dataset["materials/texts/en/instructions.md"]
     assert json.loads(dataset["materials/plan.json"])["slug"] == "short"
+
+
+#: A moment of a day, however it is written.
+CLOCK_TIME = re.compile(rb"\d\d:\d\d")
+
+
+def without_times(content: bytes) -> list[list[str]]:
+    rows = list(csv.reader(io.StringIO(content.decode("utf-8"), newline="")))
+    kept = [place for place, name in enumerate(rows[0]) if not re.search("_(at|on|after_s)$", name)]
+    return [[row[place] for place in kept] for row in rows]
+
+
+def test_psych_ds_holds_no_time_that_a_platforms_list_could_be_joined_by(
+    exports: Exports,
+) -> None:
+    dataset = exports.files("psych-ds")
+    data = {name: content for name, content in dataset.items() if name.endswith("_data.csv")}
+    assert {name for name, content in data.items() if CLOCK_TIME.search(content)} == set()
+    columns: set[str] = set()
+    for content in data.values():
+        columns |= set(content.decode("utf-8").split("\n", 1)[0].split(","))
+    assert {name for name in columns if name.endswith("_at")} == set()
+
+    def table(name: str) -> pd.DataFrame:
+        return pd.read_csv(io.BytesIO(data[f"data/study-short_table-{name}_data.csv"]))
+
+    sessions, queries = table("sessions"), table("queries")
+    assert sessions["started_on"].to_list() == ["2026-03-01", "2026-03-02"]
+    assert (sessions["ended_after_s"].dropna() > 0).all()
+    shown = queries["shown_after_s"].dropna()
+    assert (shown >= 0).all()
+    answered = queries.dropna(subset="answered_after_s")
+    assert (answered["answered_after_s"] >= answered["shown_after_s"]).all()
+    assert table("participants")["created_on"].to_list() == ["2026-03-01", "2026-03-02"]
+    dictionary = pd.read_csv(io.BytesIO(dataset["documentation/data_dictionary.csv"]))
+    described = {(row.file, row.column) for row in dictionary.itertuples()}
+    assert ("queries.csv", "shown_after_s") in described
+    assert not (dictionary["type"] == "datetime").any()
+    # The plain tables keep their times: names that others rely on.
+    assert b"shown_at" in exports.files("csv")["queries.csv"]
 
 
 @pytest.mark.parametrize("slug", ["waste-crane", "a-1-b", "short"])

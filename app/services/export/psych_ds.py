@@ -13,8 +13,11 @@ from typing import Any
 
 from .columns import Column, Request
 from .filters import in_words
+from .relative_times import without_clock_times
 from .stream import File, table_file, text_file
-from .tables import DATA_DICTIONARY, ZIPPED
+from .tables import DATA_DICTIONARY, ZIPPED, dictionary_of
+
+_TABLES = [without_clock_times(table) for table in ZIPPED if table is not DATA_DICTIONARY]
 
 _READ_ME = """# {title}
 
@@ -25,6 +28,8 @@ A study with PBPO Studio, in which people chose between two videos. {filter}
 - `materials/`: the plan of the study, and the texts that people read, by language.
 
 Plan {plan_hash}, version {version}. Participants and sessions are named by pseudonyms.
+Times are days, and seconds since a session began: a recruitment platform knows to the second
+when each of its people came.
 
 Before it is published, `dataset_description.json` needs what only you know: `creator`, `license`,
 and `citation`.
@@ -34,7 +39,6 @@ and `citation`.
 def files(request: Request) -> Iterator[File]:
     """The whole dataset, from the root of its folder."""
     study = request.study
-    tables = [table for table in ZIPPED if table is not DATA_DICTIONARY]
     yield text_file("dataset_description.json", _pretty(_description(request)))
     yield text_file(
         "README.md",
@@ -45,9 +49,9 @@ def files(request: Request) -> Iterator[File]:
             version=study.plan_version,
         ),
     )
-    for table in tables:
+    for table in _TABLES:
         yield table_file(table, request, f"data/{data_name(study.slug, table.name)}")
-    yield table_file(DATA_DICTIONARY, request, "documentation/data_dictionary.csv")
+    yield table_file(dictionary_of(_TABLES), request, "documentation/data_dictionary.csv")
     yield text_file("materials/plan.json", _pretty(study.plan.model_dump(mode="json")))
     for language, texts in sorted(study.texts.items()):
         for name, text in sorted(texts.items()):
@@ -81,10 +85,9 @@ def _description(request: Request) -> dict[str, Any]:
 def _variables(request: Request) -> Iterator[dict[str, str]]:
     """Each name once. Where files mean different things by it, each says what it means."""
     found: dict[str, list[tuple[str, Column]]] = {}
-    for table in ZIPPED:
-        if table is not DATA_DICTIONARY:
-            for column in table.columns(request.study.plan):
-                found.setdefault(column.name, []).append((table.name, column))
+    for table in _TABLES:
+        for column in table.columns(request.study.plan):
+            found.setdefault(column.name, []).append((table.name, column))
     for name, uses in found.items():
         said = list(dict.fromkeys(column.description for _, column in uses))
         if len(said) > 1:

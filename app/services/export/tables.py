@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 
 from sqlalchemy.orm import Session
 
@@ -27,8 +27,21 @@ def _dictionary_columns(_plan: Plan) -> tuple[Column, ...]:
     )
 
 
+def dictionary_of(tables: Iterable[Table]) -> Table:
+    """The data dictionary of these tables."""
+
+    def rows(_session: Session, request: Request) -> Iterator[Row]:
+        return _described(tables, request)
+
+    return Table(DATA_DICTIONARY.name, DATA_DICTIONARY.description, _dictionary_columns, rows)
+
+
 def _dictionary_rows(_session: Session, request: Request) -> Iterator[Row]:
-    for table in TABLES.values():
+    return _described(TABLES.values(), request)
+
+
+def _described(tables: Iterable[Table], request: Request) -> Iterator[Row]:
+    for table in tables:
         for column in table.columns(request.study.plan):
             yield (
                 f"{table.name}.csv",

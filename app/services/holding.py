@@ -49,16 +49,19 @@ def holder(studio: Studio, slug: str, token: str | None, ids: Mapping[str, str])
         return Holder.NOBODY
     with studio.database.read() as session:
         row = _find(studio, session, slug, token)
-        if row is None or _ended_long_ago(studio, row):
+        if row is None:
+            return Holder.NOBODY
+        until = _kept_until(session, row, token)
+        if until is not None and studio.now() >= until:
             return Holder.NOBODY
         return _compared(session, row, ids)
 
 
-def ended_at(studio: Studio, slug: str, token: str) -> datetime | None:
-    """When the session of this token ended; None while it goes on, or if there is none."""
+def kept_until(studio: Studio, slug: str, token: str) -> datetime | None:
+    """Until when a browser finds the ended session of this token; None while it goes on."""
     with studio.database.read() as session:
         row = _find(studio, session, slug, token)
-        return row.ended_at if row is not None and row.stage in session_state.ENDED else None
+        return None if row is None else _kept_until(session, row, token)
 
 
 def add_ids(studio: Studio, slug: str, token: str, ids: Mapping[str, str]) -> None:
@@ -110,8 +113,14 @@ def _find(studio: Studio, session: Session, slug: str, token: str) -> SessionRow
     return row if row.study.slug == slug else None
 
 
-def _ended_long_ago(studio: Studio, row: SessionRow) -> bool:
-    return row.ended_at is not None and studio.now() - row.ended_at >= KEPT_AFTER_END
+def _kept_until(session: Session, row: SessionRow, token: str) -> datetime | None:
+    """A day from the end, or from when the person came back to it in this browser."""
+    if row.ended_at is None:
+        return None
+    came_back = session.scalar(
+        select(Reentry.created_at).where(Reentry.token_hash == secret_hash(token))
+    )
+    return max(row.ended_at, came_back or row.ended_at) + KEPT_AFTER_END
 
 
 def _compared(session: Session, row: SessionRow, ids: Mapping[str, str]) -> Holder:

@@ -93,10 +93,10 @@ def still_has_ended(
     request: Request, response: Response, studio: Studio, slug: str, token: str
 ) -> None:
     """On a page of the end: the cookie's time is what is left of the day since then."""
-    ended_at = holding.ended_at(studio, slug, token)
-    if ended_at is None:
+    until = holding.kept_until(studio, slug, token)
+    if until is None:
         return
-    _keep_for(response, studio, slug, token, ended_at + holding.KEPT_AFTER_END - studio.now())
+    _keep_for(response, studio, slug, token, until - studio.now())
     if _ended_cookie(slug) in request.cookies and not _came_from_own_page(request):
         response.delete_cookie(_ended_cookie(slug))
 

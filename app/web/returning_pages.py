@@ -15,6 +15,7 @@ from app.services.errors import (
     SessionExpiredError,
     SignInRequiredError,
 )
+from app.services.state import ENDED
 from app.services.studio import Studio
 
 from . import arrivals, browser_cookies, turned_away
@@ -94,7 +95,7 @@ def ask_who(slug: str, request: Request, studio: StudioDep) -> Response:
         "participant/not_you.html",
         translatable("Is it you?"),
         **about(request, plan, state["language"]),
-        has_ended=holding.ended_at(studio, slug, token) is not None,
+        has_ended=state["stage"] in ENDED,
     )
 
 

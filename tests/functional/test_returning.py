@@ -193,13 +193,15 @@ def test_the_receipt_code_leads_back_and_lets_one_do_everything(
     assert rows_of_people(studio) == {"tombstones": 1}
 
 
+@pytest.mark.parametrize("days", [0, 3])
 def test_whoever_has_completed_finds_the_code_again(
-    client: Api, recruit: Recruit, clock: Clock
+    client: Api, recruit: Recruit, clock: Clock, days: int
 ) -> None:
     recruit(recruitment("resume"))
     agree(client, LINK)
     session_of(client, clock, "completed")
     in_another_browser(client)
+    clock.forward(days * 24 * 3600)
     come_back(client, LINK)
     assert (return_link(client.get("/s/short").text) or "").endswith("cc=COMPLETE1")
 

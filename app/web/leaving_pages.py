@@ -23,7 +23,7 @@ from . import browser_cookies, entrances, languages, words
 from .failing_kindly import FailingKindly
 from .in_line import in_line
 from .security import StudioDep, set_cookie
-from .session_pages import about, do, render, to_stage, token_of
+from .session_pages import about, do, not_open, render, to_stage, token_of
 from .words import translatable
 
 router = APIRouter(prefix="/s/{slug}", include_in_schema=False, route_class=FailingKindly)
@@ -81,6 +81,9 @@ def withdraw(
 @router.get("/delete")
 def ask_for_receipt(slug: str, request: Request, studio: StudioDep) -> Response:
     """Where a receipt's code is typed: none is filled in, for the browser may be shared."""
+    hidden = not_open(request, slug, studio)
+    if hidden is not None:
+        return hidden
     return _delete_page(request, studio, slug)
 
 
@@ -136,6 +139,9 @@ def deleted(slug: str, request: Request, studio: StudioDep) -> Response:
 
     A code is shown to the browser that has just deleted a session, and to nobody who opens this.
     """
+    hidden = not_open(request, slug, studio)
+    if hidden is not None:
+        return hidden
     plan = studies.find(studio, slug).plan
     proof = request.cookies.get(_proof_cookie(slug), "")
     is_due = hmac.compare_digest(_proof(studio, slug).encode(), proof.encode(errors="replace"))

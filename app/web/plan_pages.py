@@ -5,7 +5,8 @@ from __future__ import annotations
 from fastapi import APIRouter, Request
 from fastapi.responses import PlainTextResponse, Response
 
-from app.services import design, results, revision
+from app.services import access, design, results, revision
+from app.services.access import Right
 from app.study.plan_text import plan_text
 from app.study.plan_words import in_words
 from app.study.texts import render
@@ -64,11 +65,17 @@ def plan(study: DesignOf, request: Request, studio: StudioDep, caller: SignedIn)
 
 
 @router.get("/studies/{slug}/plan/study.yaml")
-def download(study: DesignOf) -> Response:
-    """The stored plan as a file: what the hash is of, but for texts and videos."""
+def download(study: DesignOf, studio: StudioDep, caller: SignedIn) -> Response:
+    """The stored plan as a file: what the hash is of, but for texts and videos.
+
+    Who may not see the study's data gets it without the codes by which people are paid.
+    """
     text = f"# {study.slug}, version {study.plan_version}, hash {study.plan_hash}\n"
+    with_codes = Right.DATA in access.rights(studio, caller, study.slug)
+    if not with_codes:
+        text += "# Without completion codes and addresses to return to: they are for who runs it.\n"
     return PlainTextResponse(
-        text + plan_text(study.plan),
+        text + plan_text(study.plan, with_codes=with_codes),
         headers={
             "Content-Disposition": f'attachment; filename="{study.slug}-study.yaml"',
             "Cache-Control": "no-store",

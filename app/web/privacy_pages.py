@@ -13,7 +13,7 @@ from app.services.studio import Studio
 from .failing_kindly import FailingKindly
 from .privacy_sentences import sentences
 from .security import StudioDep
-from .session_pages import about, render, token_of
+from .session_pages import about, not_open, render, token_of
 from .words import translatable
 
 router = APIRouter(prefix="/s/{slug}", include_in_schema=False, route_class=FailingKindly)
@@ -22,6 +22,9 @@ router = APIRouter(prefix="/s/{slug}", include_in_schema=False, route_class=Fail
 @router.get("/privacy")
 def privacy(slug: str, request: Request, studio: StudioDep) -> Response:
     """The page, in the language of the browser's session if there is one."""
+    hidden = not_open(request, slug, studio)
+    if hidden is not None:
+        return hidden
     plan = studies.find(studio, slug).plan
     state = _state(slug, request, studio)
     said = about(request, plan, state["language"] if state else None)

@@ -8,16 +8,17 @@ from typing import Any
 
 from fastapi import Request
 from fastapi.responses import RedirectResponse, Response
+from sqlalchemy.exc import SQLAlchemyError
 
 from app.services import holding, modes, participation, studies
-from app.services.errors import SessionExpiredError, SignInRequiredError
+from app.services.errors import NotFoundError, SessionExpiredError, SignInRequiredError
 from app.services.state import ENDED, State
 from app.services.studio import Studio
 from app.study.plan import Plan
 from app.study.protocol import ProtocolError
 from app.study.recruitment import MTURK_FRAMES, MTURK_HOSTS
 
-from . import browser_cookies, entrances, languages, words
+from . import browser_cookies, entrances, hidden_drafts, languages, words
 from .own_address import base_url
 from .security import (
     POLICY,
@@ -27,7 +28,10 @@ from .security import (
     studio_of,
 )
 from .templating import page
+from .words import translatable
 
+#: Pages of a draft that `not_open` stands before; the ethics bundle shows them also of a draft.
+_GUARDED = frozenset({"participant/privacy.html", "participant/delete.html"})
 #: The stages whose pages show the receipt code.
 _WITH_RECEIPT = frozenset({"instructions", "debrief", "completed", "screened_out", "withdrawn"})
 
@@ -68,6 +72,12 @@ def render(
         "is_held": state is not None and token is not None,
         **context,
     }
+    if values["study_title"] and state is None and template not in _GUARDED:
+        with suppress(NotFoundError, SQLAlchemyError):
+            # A page that says that the study is not open does not say what it is about.
+            if hidden_drafts.is_hidden(request, slug, studio_of(request)):
+                values |= {"study_title": None, "contact": None}
+                values["page_title"] = words.translated(translatable("Not open"), language)
     response = page(request, template, values, status_code=status)
     way_back = context.get("way_back")
     if way_back is not None and "fields" in way_back:
@@ -93,6 +103,21 @@ def _banner(request: Request, slug: str) -> dict[str, Any]:
         "csrf_token": form_token(request),
         "preview_languages": [(code, languages.own_name(code)) for code in plan.languages],
     }
+
+
+def not_open(request: Request, slug: str, studio: Studio) -> Response | None:
+    """The page that a stranger gets instead of a draft's; None where the study may be seen."""
+    if not hidden_drafts.is_hidden(request, slug, studio):
+        return None
+    return render(
+        request,
+        slug,
+        "participant/closed.html",
+        translatable("Not open"),
+        status=409,
+        is_draft=True,
+        is_paused=False,
+    )
 
 
 def about(request: Request, plan: Plan, language: str | None = None) -> dict[str, Any]:

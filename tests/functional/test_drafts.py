@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from app.services import lifecycle, slugs, studies
+from app.services import lifecycle, pilots, slugs, studies
 from app.services.errors import ConflictError, NotFoundError
 from app.services.studies import StudyInfo
 from app.services.studio import Studio
@@ -69,3 +69,21 @@ def test_a_deleted_draft_is_gone(studio: Studio, draft: StudyInfo) -> None:
     lifecycle.delete(studio, "draft")
     with pytest.raises(NotFoundError):
         studies.find(studio, "draft")
+
+
+@pytest.mark.parametrize("prefix", ["", "/pilot"])
+@pytest.mark.parametrize("page", ["", "/consent", "/privacy", "/delete", "/deleted", "?lang=en"])
+def test_a_drafts_title_is_not_shown_to_strangers(
+    client: Api, draft: StudyInfo, prefix: str, page: str
+) -> None:
+    shown = client.get(f"{prefix}/s/{draft.slug}{page}")
+    assert shown.status_code in (403, 409), shown.text
+    assert draft.plan.title["en"] not in shown.text
+
+
+def test_a_drafts_title_is_shown_to_who_pilots_it(
+    client: Api, studio: Studio, draft: StudyInfo
+) -> None:
+    path = pilots.path_of(draft.slug, pilots.make_link(studio, draft.slug))
+    for page in (path, path.replace("?", "/privacy?")):
+        assert draft.plan.title["en"] in client.get(page).text

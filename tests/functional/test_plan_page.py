@@ -14,6 +14,7 @@ from app.study.plan_words import in_words
 from tests.conftest import SHORT_PLAN
 
 from .client import Api
+from .conftest import Recruit
 from .desk import Desk
 from .own_study import write_own_study
 
@@ -75,3 +76,17 @@ def test_the_plan_is_nothing_for_other_experimenters(
     other = Desk(client, studio, "zoe@lab.example", Role.EXPERIMENTER)
     assert other.get("/studies/kettles/plan").status_code == 404
     assert other.get("/studies/kettles/plan/study.yaml").status_code == 404
+
+
+def test_a_reviewer_reads_the_plan_without_the_codes_of_payment(
+    client: Api, recruit: Recruit, studio: Studio
+) -> None:
+    recruit("recruitment: {platform: prolific, codes: {completed: PAIDFOR1}}\n")
+    path = "/studies/short/plan/study.yaml"
+    reviewer = Desk(client, studio, "eve@lab.example", Role.REVIEWER)
+    seen = reviewer.get(path).text
+    assert "platform: prolific" in seen
+    assert "PAIDFOR1" not in seen
+    assert "# Without completion codes" in seen
+    assert "PAIDFOR1" not in reviewer.get("/studies/short/plan").text
+    assert "PAIDFOR1" in Desk(client, studio, "ann@lab.example", Role.ADMIN).get(path).text

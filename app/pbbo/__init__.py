@@ -38,7 +38,7 @@ from app.pbbo.errors import (
     UnknownMethodError,
     UnknownResponseError,
 )
-from app.pbbo.methods import METHODS, allows_skip, has_posterior
+from app.pbbo.methods import METHODS, allows_skip, has_posterior, learns_reasons
 from app.pbbo.optimizer import PreferenceOptimizer
 from app.pbbo.preferences import RESPONSES, SKIP_REASONS, Preference, Query, Response, SkipReason
 from app.pbbo.score_optimizer import SCORE_METHODS, SCORE_PRESETS, ScoreOptimizer
@@ -83,4 +83,5 @@ __all__ = [
     "allows_skip",
     "defaults_under",
     "has_posterior",
+    "learns_reasons",
 ]

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from typing import Final
 
+from app.pbbo.engine import EARLIER_ENGINES, ENGINE_VERSION
 from app.pbbo.errors import SkipNotOfferedError, SkipReasonError, UnknownMethodError
 from app.pbbo.preferences import Response, SkipReason, checked_reason
 
@@ -60,6 +61,11 @@ def method_named(name: object) -> Method:
 def allows_skip(method: str) -> bool:
     """Whether an evaluator may skip under this method."""
     return method_named(method).skip
+
+
+def learns_reasons(method: str, engine_version: str = ENGINE_VERSION) -> bool:
+    """Whether this method learns from the reason of a skip, under this version of the engine."""
+    return method_named(method).threshold and engine_version not in EARLIER_ENGINES
 
 
 def has_posterior(method: str) -> bool:

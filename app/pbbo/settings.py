@@ -13,7 +13,7 @@ from math import isfinite, sqrt
 from types import MappingProxyType
 from typing import Any, Final, Literal
 
-from app.pbbo.engine import ENGINE_VERSION
+from app.pbbo.engine import EARLIER_ENGINES, ENGINE_VERSION
 from app.pbbo.errors import SettingsError
 from app.pbbo.preferences import SKIP_REASONS, SkipReason
 
@@ -38,7 +38,6 @@ SHARPEST_THRESHOLD: Final = 0.01
 
 # What the defaults of pbpo-threshold were under earlier engines: a trial that began under one goes
 # on under its settings, and is replayed under them.
-EARLIER_ENGINES: Final = ("1", "2")
 EARLIER_DEFAULTS: Final[Mapping[str, Any]] = MappingProxyType(
     {
         "threshold_epsilon": 0.3,

@@ -122,7 +122,7 @@ def _read(session: Session, row: SessionRow, query: QueryRow, answer: Answer) ->
     _check_reason(row, query, answer)
     is_practice = query.trial.trial_index == PRACTICE_INDEX
     before = () if is_practice else queries.read_record(session, query.trial_id)
-    return _Asked(trial, (*before, _shown(query, answer.response)), is_practice)
+    return _Asked(trial, (*before, _shown(query, answer.response, answer.skip_reason)), is_practice)
 
 
 def _step(studio: Studio, asked: _Asked) -> Step:
@@ -298,7 +298,7 @@ def _check_reason(row: SessionRow, query: QueryRow, answer: Answer) -> None:
         )
 
 
-def _shown(query: QueryRow, response: str) -> Shown:
+def _shown(query: QueryRow, response: str, skip_reason: str | None) -> Shown:
     return Shown(
         query_index=query.query_index,
         trial_type=query.trial_type,
@@ -310,4 +310,5 @@ def _shown(query: QueryRow, response: str) -> Shown:
         engine_version=query.engine_version,
         repeats=query.repeats_query_index,
         response=response,
+        skip_reason=skip_reason,
     )

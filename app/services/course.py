@@ -12,6 +12,7 @@ from functools import lru_cache
 
 import numpy as np
 
+from app.pbbo import SKIP_REASONS, learns_reasons
 from app.study.checks import Kind, schedule
 from app.study.stages import PRACTICE
 
@@ -43,6 +44,7 @@ class Shown:
     engine_version: str
     repeats: int | None
     response: str | None
+    skip_reason: str | None = None
 
 
 #: The answered queries of a trial, in order: one for each place.
@@ -63,8 +65,12 @@ def lessons(trial: TrialInHand, record: Record) -> Record:
 
 def learned(trial: TrialInHand, record: Record) -> History:
     """What the model learns from, as the optimiser takes it."""
+    with_reasons = learns_reasons(trial.method, trial.engine_version)
     return tuple(
-        (shown.left, shown.right, shown.response or "") for shown in lessons(trial, record)
+        (shown.left, shown.right, shown.response or "", shown.skip_reason)
+        if with_reasons and shown.skip_reason in SKIP_REASONS
+        else (shown.left, shown.right, shown.response or "")
+        for shown in lessons(trial, record)
     )
 
 

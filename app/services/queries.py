@@ -216,7 +216,7 @@ _OF_TRIAL: tuple[Any, ...] = (Trial.id, Trial.environment, Trial.seed)
 _OF_QUERY: tuple[Any, ...] = (QueryRow.public_id, QueryRow.attempt)
 _PLACE = len(_OF_TRIAL) + len(_OF_QUERY)
 _STANDING = AsOneRow(
-    select(*_OF_TRIAL, *_OF_QUERY, *_SHOWN, Response.response)
+    select(*_OF_TRIAL, *_OF_QUERY, *_SHOWN, Response.response, Response.skip_reason)
     .join(QueryRow, QueryRow.trial_id == Trial.id)
     .outerjoin(Response, Response.query_id == QueryRow.id)
     .where(
@@ -226,7 +226,7 @@ _STANDING = AsOneRow(
     )
 )
 _RECORD = AsOneRow(
-    select(*_SHOWN, Response.response)
+    select(*_SHOWN, Response.response, Response.skip_reason)
     .join(Response, Response.query_id == QueryRow.id)
     .where(QueryRow.trial_id == bindparam("trial_id"))
 )

@@ -22,8 +22,9 @@ from app.pbbo import FitError, Preference, PreferenceOptimizer, Query, Settings,
 
 from .own_processes import work_for_parent
 
-#: One answered query: left candidate, right candidate, "left" | "right" | "skip".
-Answer = tuple[int, int, str]
+#: One answered query: left candidate, right candidate, "left" | "right" | "skip", and of a skip the
+#: reason where the method learns from it.
+Answer = tuple[int, int, str] | tuple[int, int, str, str | None]
 History = tuple[Answer, ...]
 
 

@@ -50,7 +50,7 @@ def test_a_trial_goes_on_under_the_engine_that_it_began_under(
         database.execute(update(QueryRow).values(engine_version=stored))
         seeds = frozenset(database.scalars(select(Trial.seed)))
     # What was worked out ahead was worked out before the database said so.
-    studio.proposer.drop(seeds)
+    studio.proposer.evict(seeds)
 
     for _ in range(3):
         session.step("left", clock.forward)

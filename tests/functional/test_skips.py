@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
-import pytest
+from typing import Any
 
+import pytest
+from sqlalchemy import select
+
+from app.pbbo import PreferenceOptimizer
+from app.services import replay
 from app.services.studies import StudyInfo
 from app.services.studio import Studio
+from app.storage.tables import Acquired, Trial
 from tests.conftest import SHORT_PLAN, StudyShelf
 
 from .client import Api, Session
@@ -71,3 +77,43 @@ def test_a_reason_that_is_not_offered_is_refused(
     assert refusal.json()["type"] == "urn:pbpo-studio:problem:skip-reason"
     assert refusal.json()["detail"] == detail
     assert asking.look()["progress"]["query"] == 1
+
+
+def test_the_model_learns_from_the_reason_of_a_skip(
+    studio: Studio, study_shelf: StudyShelf, client: Api
+) -> None:
+    study_shelf.put_into(
+        studio,
+        ASKING_PLAN.replace("    method: pbpo\n", "    method: pbpo-threshold\n").replace(
+            "settings: {preset: paper-env1}", "settings: {}", 1
+        ),
+    )
+    session = client.start().to_first_query()
+    for response, reason in (("left", None), ("skip", "cannot_tell"), ("skip", "both_bad")):
+        more = {} if reason is None else {"skip_reason": reason}
+        assert session.respond(response, **more).status_code == 200
+
+    with studio.database.read() as database:
+        trial = database.scalars(select(Trial)).one()
+        told: list[Any] = []
+        for query in trial.queries:
+            if query.response is not None:
+                reason = query.response.skip_reason
+                answer = (query.left_candidate, query.right_candidate, query.response.response)
+                told.append((*answer, reason) if reason else answer)
+        last = database.scalars(select(Acquired).order_by(Acquired.query_index.desc())).first()
+        assert last is not None
+        stored = (last.candidate, last.posterior_mean)
+        points = studio.proposer.space(trial.session.study_id, "env1").candidates
+        seed = trial.seed
+    assert [len(answer) for answer in told] == [3, 4, 4]
+    with_reasons = PreferenceOptimizer.replay(points, told, method="pbpo-threshold", seed=seed)
+    without = PreferenceOptimizer.replay(
+        points, [answer[:3] for answer in told], method="pbpo-threshold", seed=seed
+    )
+    mean = float(with_reasons.posterior()[0][with_reasons.best()])
+    assert stored[0] == with_reasons.best()
+    assert stored[1] == pytest.approx(mean)
+    assert stored[1] != pytest.approx(float(without.posterior()[0][stored[0]]))
+    [replayed] = list(replay.replay(studio, "short"))
+    assert replayed.differences == ()

@@ -12,9 +12,11 @@ from app.services.errors import NotFoundError
 from app.services.ethics import bundle, fields, pictures
 
 from .desk import DesignOf, OwnForm, SignedIn
+from .privacy_sentences import sentences
 from .screens import snapshots
 from .security import StudioDep
 from .study_frame import study_page
+from .words import SOURCE_LANGUAGE
 
 router = APIRouter(prefix="/studies/{slug}", include_in_schema=False)
 
@@ -32,6 +34,8 @@ def ethics(study: DesignOf, request: Request, studio: StudioDep, caller: SignedI
         versions=bundle.versions(studio, study),
         stored=[(table, list(rows)) for table, rows in groupby(found, lambda field: field.table)],
         retention=study.plan.retention,
+        keeps_identifiers=bool(study.plan.recruitment.parameters),
+        told=sentences(studio, study.plan, SOURCE_LANGUAGE),
         expires_days=study.plan.session_expires_after_days,
         ties=sharing.ties(studio, study.slug),
         languages=study.plan.languages,

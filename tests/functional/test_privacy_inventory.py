@@ -10,6 +10,7 @@ import pytest
 from fastapi import FastAPI
 
 import app as program
+from app.services.accounts import Role
 from app.services.ethics import fields
 from app.services.ethics.inventory import BROWSER, EVALUATORS, OTHERS, Topic, topics
 from app.services.studio import Studio
@@ -18,6 +19,7 @@ from app.web.privacy_sentences import SENTENCES
 
 from .client import Api
 from .conftest import Recruit
+from .desk import Desk
 from .test_privacy import ASKING
 from .test_recruitment import PROLIFIC
 
@@ -97,6 +99,17 @@ def test_a_study_of_personal_links_says_so(client: Api, recruit: Recruit) -> Non
     assert spoken(Topic.PERSONAL_LINK) in said
     for topic in (Topic.IDENTIFIERS, Topic.DEVICE, Topic.QUESTIONS):
         assert spoken(topic) not in said
+
+
+def test_the_ethics_page_says_the_same_to_the_board(
+    client: Api, studio: Studio, recruit: Recruit
+) -> None:
+    recruit("")
+    reviewer = Desk(client, studio, "rev@lab.example", Role.REVIEWER)
+    said = html.unescape(reviewer.get("/studies/short/ethics").text)
+    for topic in (Topic.OTHER_SITES, Topic.BROWSER, Topic.BACKUPS, Topic.LOGS):
+        assert SENTENCES[topic] in said
+    assert "None are kept" in said
 
 
 @pytest.mark.parametrize("elsewhere", [None, "https://videos.example:9000"])

@@ -160,7 +160,10 @@ RULES: Mapping[str, Rule] = {
         )
         if prefix == "/preview" or (method, page) not in _FIRST_PAGES
     },
-    **{f"{method} /pilot/s/{{slug}}{page}": NO_LINK for method, page in _FIRST_PAGES},
+    **{
+        f"{method} /pilot/s/{{slug}}{page}": NO_LINK.with_(form={"version": "x"})
+        for method, page in _FIRST_PAGES
+    },
     # Of a session: none of the callers here has one, and an account opens none.
     **{
         f"{method} /api/v1/session{step}": NO_SESSION.with_(json=body)

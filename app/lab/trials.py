@@ -6,6 +6,8 @@ sections VI and VII); BO and RBO see nothing else. All methods of the paper run 
 
 from __future__ import annotations
 
+from typing import Final
+
 import numpy as np
 from threadpoolctl import threadpool_limits
 
@@ -30,13 +32,17 @@ SHOWN_RUNS = 1001
 ANSWERS = 1002
 
 
-def run_trial(task: Task, world: World) -> list[Step]:
-    """Every step of a trial: a pure function of the task and the world."""
+#: When an evaluator finds a run bad, in deviations of g above its mean; see `evaluator_for`.
+SKIP_LEVEL: Final = 0.0
+
+
+def run_trial(task: Task, world: World, skip_level: float | None = SKIP_LEVEL) -> list[Step]:
+    """Every step of a trial: a pure function of the task, the world and the skip level."""
     # A fit works on matrices of a few dozen rows, which several threads only slow down.
     with threadpool_limits(limits=1):
         if task.method in SCORE_METHODS:
             return _measured(task, world)
-        return _asked(task, world)
+        return _asked(task, world, skip_level)
 
 
 def replayed(task: Task, world: World, steps: list[Step]) -> PreferenceOptimizer | ScoreOptimizer:
@@ -58,13 +64,18 @@ def replayed(task: Task, world: World, steps: list[Step]) -> PreferenceOptimizer
     )
 
 
-def evaluator_for(task: Task, world: World) -> Evaluator:
-    """Who answers the queries of this trial."""
+def evaluator_for(task: Task, world: World, skip_level: float | None = SKIP_LEVEL) -> Evaluator:
+    """Who answers the queries of this trial.
+
+    skip_level: Certain and Uncertain skip when both runs lie below the mean of g plus this many of
+    its deviations, or never, for None.
+    """
     rng = np.random.default_rng([task.seed, ANSWERS])
+    below = None if skip_level is None else world.mean + skip_level * world.deviation
     if task.evaluator == "certain":
-        return Certain(skip_below=world.mean)
+        return Certain(skip_below=below)
     if task.evaluator == "uncertain":
-        return Uncertain(rng, skip_below=world.mean)
+        return Uncertain(rng, skip_below=below)
     if task.evaluator == "demanding":
         return Uncertain(rng, skip_below=world.mean + world.deviation)
     traits = PEOPLE[int(task.evaluator.removeprefix("person-")) - 1]
@@ -72,10 +83,10 @@ def evaluator_for(task: Task, world: World) -> Evaluator:
     return Person(traits, reason, world.mean, world.deviation, rng)
 
 
-def _asked(task: Task, world: World) -> list[Step]:
+def _asked(task: Task, world: World, skip_level: float | None) -> list[Step]:
     settings = PRESETS[f"paper-{task.environment}"]
     optimizer = PreferenceOptimizer(world.candidates, task.method, task.seed, settings)
-    evaluator = evaluator_for(task, world)
+    evaluator = evaluator_for(task, world, skip_level)
     may_skip = allows_skip(task.method)
     shown = np.random.default_rng([task.seed, SHOWN_RUNS])
     steps: list[Step] = []

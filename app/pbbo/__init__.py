@@ -1,4 +1,4 @@
-"""Preference learning: which of a finite set of candidates does an evaluator like best?
+"""Preference learning: which candidate, of a list or in a box, does an evaluator like best?
 
     from app.pbbo import PreferenceOptimizer
 
@@ -17,7 +17,8 @@ import os
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 from app.pbbo.box import Box
-from app.pbbo.box_optimizer import BoxOptimizer, BoxQuery
+from app.pbbo.box_optimizer import BoxOptimizer
+from app.pbbo.box_query import BoxQuery
 from app.pbbo.engine import ENGINE_VERSION
 from app.pbbo.errors import (
     BoxError,

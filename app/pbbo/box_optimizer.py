@@ -6,13 +6,13 @@ afresh for each query from the seed and the belief. The belief itself knows the 
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final, Self
 
 import numpy as np
 
 from app.pbbo import box_design
 from app.pbbo.box import Box, Key
+from app.pbbo.box_query import BoxQuery
 from app.pbbo.candidates import FloatArray, IndexArray
 from app.pbbo.errors import (
     BoxError,
@@ -37,29 +37,6 @@ if TYPE_CHECKING:
 #: The one method that knows boxes: the paper's draw functions over all candidates.
 BOX_METHOD: Final = "pbpo-threshold"
 HistoryEntry = tuple[Any, Any, str] | tuple[Any, Any, str, str | None]
-
-
-@dataclass(frozen=True, eq=False)
-class BoxQuery:
-    """Two points to compare; the rest as in `Query`. left, right: (d,), in the box's units."""
-
-    index: int
-    left: FloatArray
-    right: FloatArray
-    trial_type: TrialType
-    acquisition: str
-    seed: int
-
-    def __eq__(self, other: object) -> bool:
-        return (
-            isinstance(other, BoxQuery)
-            and (self.index, self.seed) == (other.index, other.seed)
-            and np.array_equal(self.left, other.left)
-            and np.array_equal(self.right, other.right)
-        )
-
-    def __hash__(self) -> int:
-        return hash((self.index, self.seed, self.left.tobytes(), self.right.tobytes()))
 
 
 class BoxOptimizer:

@@ -22,6 +22,8 @@ FIRST_POINTS: Final = 64
 BOUNDARY_EVERY: Final = 4
 #: Sobol points tried before the region is walked through instead.
 MOST_TRIED: Final = 2**15
+#: Constraints that leave less of the box than this cut off most of it.
+ENOUGH_INSIDE: Final = 0.25
 #: Steps of a walk between two points that are kept.
 WALK_STEPS: Final = 8
 #: Standard deviations of points around a good one, as shares of the ranges, for two parameters.
@@ -49,17 +51,26 @@ def first_points(box: Box, rng: np.random.Generator) -> FloatArray:
 
 
 def spread(box: Box, rng: np.random.Generator, count: int) -> FloatArray:
-    """Scrambled Sobol points inside, as shares of the ranges; (count, d)."""
+    """Scrambled Sobol points, as shares of the ranges; (count, d).
+
+    Points that violate a constraint are moved onto it, as a list of candidates would take the
+    nearest, so that a constraint is covered as densely as what it cuts off. Where it cuts off most
+    of the box, only points inside are taken.
+    """
     from scipy.stats import qmc  # noqa: PLC0415, takes long to import
 
     sampler = qmc.Sobol(box.dimensions, scramble=True, rng=rng)
-    found: list[FloatArray] = []
-    tried, have = 0, 0
     batch = 2 ** int(np.ceil(np.log2(max(count, 16))))
+    shares = box.from_kernel_coordinates(sampler.random(batch))
+    inside = box.contains(box.points(shares))
+    if inside.mean() >= ENOUGH_INSIDE:
+        shares = projected(box, shares)
+        return shares[box.contains(box.points(shares))][:count]
+    found = [shares[inside]]
+    tried, have = batch, int(inside.sum())
     while have < count and tried < MOST_TRIED:
         shares = box.from_kernel_coordinates(sampler.random(batch))
-        points = box.points(shares)
-        inside = box.contains(points)
+        inside = box.contains(box.points(shares))
         found.append(shares[inside])
         have += int(inside.sum())
         tried += batch

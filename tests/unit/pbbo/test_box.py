@@ -71,6 +71,17 @@ def test_the_design_lies_inside_and_reaches_the_boundary(d: int) -> None:
     assert box.contains(first_points(box, np.random.default_rng(2))).all()
 
 
+def test_a_constraint_is_covered_as_densely_as_what_it_cuts_off() -> None:
+    box = Box(low=[0, 0], high=[1, 1], constraints=["x0 >= x1"])
+
+    points = first_points(box, np.random.default_rng(1))
+
+    on_diagonal = np.abs(points[:, 0] - points[:, 1]) < 1e-9
+    assert 0.3 < on_diagonal.mean() < 0.7
+    along = np.sort(points[on_diagonal, 0])
+    assert np.diff(along).max() < 0.2
+
+
 def test_a_slim_region_is_walked_through() -> None:
     box = Box(low=[0] * 4, high=[1] * 4, constraints=["x0 + x1 + x2 + x3 <= 0.02"])
 

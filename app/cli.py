@@ -12,8 +12,8 @@ from rich.table import Table
 from sqlalchemy.exc import OperationalError
 from typer.exceptions import Abort, Exit, TyperException
 
-from app.commands import account, backup, export, lifecycle, making, retention, worker
-from app.commands.asking import (
+from app.commands import account, backup, export, lifecycle, retention, transcode, worker
+from app.commands.options import (
     Address,
     DataDir,
     Folder,
@@ -25,15 +25,15 @@ from app.commands.asking import (
     settings_of,
     studio_of,
 )
-from app.services import revision, slugs, studies
-from app.services.errors import ServiceError, SlugTakenError
-from app.services.settings import DATABASE_FILE
-from app.study.faults import StudyFaults
+from app.services.runtime.errors import ServiceError, SlugTakenError
+from app.services.runtime.settings import DATABASE_FILE
+from app.services.studies import repository, revision, slugs
 from app.study.folder import UnknownStudyError
 from app.study.scaffold import FolderNotEmptyError
 from app.study.shortening import shortened
+from app.study.validation_errors import StudyFaults
 
-app = typer.Typer(
+commands = typer.Typer(
     no_args_is_help=True,
     add_completion=False,
     rich_markup_mode=None,
@@ -43,17 +43,17 @@ study_app = typer.Typer(no_args_is_help=True, help="Set studies up, open and clo
 media_app = typer.Typer(no_args_is_help=True, help="The crane's recordings.")
 link_app = typer.Typer(no_args_is_help=True, help="Links that each let one person in.")
 study_app.add_typer(lifecycle.app)
-study_app.add_typer(making.app)
-app.add_typer(study_app, name="study")
-app.add_typer(media_app, name="media")
-app.add_typer(account.app, name="account")
-app.add_typer(link_app, name="link")
-app.add_typer(retention.app, name="retention")
-app.command()(export.export)
-app.command()(backup.backup)
-app.command()(backup.restore)
-app.command()(export.report)
-app.command()(worker.worker)
+study_app.add_typer(transcode.app)
+commands.add_typer(study_app, name="study")
+commands.add_typer(media_app, name="media")
+commands.add_typer(account.commands, name="account")
+commands.add_typer(link_app, name="link")
+commands.add_typer(retention.commands, name="retention")
+commands.command()(export.export)
+commands.command()(backup.backup)
+commands.command()(backup.restore)
+commands.command()(export.report)
+commands.command()(worker.worker)
 
 #: A user's mistake: what was asked for cannot be done as it was said.
 MISTAKE = 2
@@ -87,7 +87,7 @@ def main() -> None:
     """Run a command. A user's mistake is one line on standard error, and exit status 2."""
     try:
         with closing_studios():
-            status = app(standalone_mode=False)
+            status = commands(standalone_mode=False)
     except StudyFaults as error:
         fail(str(error))
     except (ServiceError, FolderNotEmptyError, UnknownStudyError) as error:
@@ -112,17 +112,18 @@ def fail(message: str) -> NoReturn:
     sys.exit(MISTAKE)
 
 
-@app.command()
+@commands.command()
 def demo(port: Port = 8000, host: Host = "127.0.0.1", data_dir: DataDir = None) -> None:
     """Serve the waste-crane study, set up on the first start."""
-    from app.server import listen, serve_app
-    from app.services import demo as demo_service
-    from app.simulation import JOBS
+    from app.services.studies import demo as demo_service
+
+    from .server import listen, serve_app
+    from .simulation import JOBS
 
     socket = listen(host, port)
     address = f"http://{host}:{socket.getsockname()[1]}"
-    studio = studio_of(data_dir, works=JOBS)
-    access = demo_service.prepare(studio, address)
+    app = studio_of(data_dir, works=JOBS)
+    access = demo_service.prepare(app, address)
 
     def say() -> None:
         out.print(
@@ -131,13 +132,13 @@ def demo(port: Port = 8000, host: Host = "127.0.0.1", data_dir: DataDir = None) 
             f"  Experiment:  {access.experimenter_url}\n"
             f"  Sign in as:  {access.email}\n"
             f"  Password:    {access.password}\n\n"
-            f"The same is in {studio.settings.data_dir / 'access.json'}. Ctrl+C stops.\n"
+            f"The same is in {app.settings.data_dir / 'access.json'}. Ctrl+C stops.\n"
         )
 
-    serve_app(studio, socket, say)
+    serve_app(app, socket, say)
 
 
-@app.command()
+@commands.command()
 def serve(
     port: Port = 8000,
     host: Host = "127.0.0.1",
@@ -147,23 +148,24 @@ def serve(
     data_dir: DataDir = None,
 ) -> None:
     """Serve the studies that are there. Logs are lines of JSON on standard error."""
-    from app.server import listen, serve_app, serve_with_workers
-    from app.services import safety
-    from app.simulation import JOBS
+    from app.services.monitoring import startup_checks
 
-    safety.require_servable(settings_of(data_dir), workers)
+    from .server import listen, serve_app, serve_with_workers
+    from .simulation import JOBS
+
+    startup_checks.require_servable(settings_of(data_dir), workers)
     with listen(host, port) as socket:
-        studio = studio_of(data_dir, works=JOBS)
-        safety.require_safe(studio, host)
-        for sentence in safety.unsafe_settings(studio, host):
+        app = studio_of(data_dir, works=JOBS)
+        startup_checks.require_safe(app, host)
+        for sentence in startup_checks.unsafe_settings(app, host):
             print(f"pbpo: {sentence}", file=sys.stderr)
         address = f"http://{host}:{socket.getsockname()[1]}"
         if workers > 1:
             # Each worker opens it for itself.
-            studio.close()
-            serve_with_workers(studio.settings, socket, workers, lambda: out.print(address))
+            app.close()
+            serve_with_workers(app.settings, socket, workers, lambda: out.print(address))
         else:
-            serve_app(studio, socket, lambda: out.print(address), json_logs=True)
+            serve_app(app, socket, lambda: out.print(address), json_logs=True)
 
 
 @study_app.command("init")
@@ -178,7 +180,7 @@ def study_init(folder: Annotated[Path, typer.Argument(metavar="FOLDER")]) -> Non
 @study_app.command("check")
 def study_check(folder: Folder, data_dir: DataDir = None) -> None:
     """Name every fault in a study's folder: one line each."""
-    loaded = studies.load_folder(folder)
+    loaded = repository.load_folder(folder)
     plan = loaded.plan
     out.print(
         f"{plan.slug}: no fault found. {len(plan.conditions)} conditions, {plan.trials} trials of "
@@ -203,9 +205,9 @@ def study_create(
     data_dir: DataDir = None,
 ) -> None:
     """Store a study as a draft; an earlier draft made of the same folder makes way."""
-    loaded = studies.load_folder(folder)
+    loaded = repository.load_folder(folder)
     try:
-        info = studies.create(
+        info = repository.create(
             studio_of(data_dir),
             loaded,
             # A draft that somebody made in the browser is theirs.
@@ -223,7 +225,7 @@ def study_create(
 @study_app.command("revise")
 def study_revise(folder: Folder, data_dir: DataDir = None) -> None:
     """Give a study new texts. Whoever agreed to another consent is asked again."""
-    loaded = studies.load_folder(folder)
+    loaded = repository.load_folder(folder)
     info = revision.revise(studio_of(data_dir), loaded)
     out.print(f"{info.slug}: texts as of version {info.plan_version}.")
 
@@ -232,7 +234,7 @@ def study_revise(folder: Folder, data_dir: DataDir = None) -> None:
 def study_list(data_dir: DataDir = None) -> None:
     """List the studies."""
     table = Table("slug", "status", "trials", "queries per trial", "plan", box=None)
-    for study in studies.all_studies(studio_of(data_dir)):
+    for study in repository.all_studies(studio_of(data_dir)):
         plan = study.plan
         table.add_row(
             study.slug,
@@ -247,16 +249,16 @@ def study_list(data_dir: DataDir = None) -> None:
 @study_app.command("open")
 def study_open(slug: Slug, data_dir: DataDir = None) -> None:
     """Let participants in."""
-    studio = studio_of(data_dir)
-    studies.open_study(studio, slug)
-    entrance = address_of(studio, f"/s/{slug}")
+    app = studio_of(data_dir)
+    repository.open_study(app, slug)
+    entrance = address_of(app, f"/s/{slug}")
     out.print(f"{slug} is open: participants enter at {entrance}")
 
 
 @study_app.command("close")
 def study_close(slug: Slug, data_dir: DataDir = None) -> None:
     """Let nobody in any more; sessions under way may finish."""
-    studies.close_study(studio_of(data_dir), slug)
+    repository.close_study(studio_of(data_dir), slug)
     out.print(f"{slug} is closed.")
 
 
@@ -269,22 +271,22 @@ def link_create(
     data_dir: DataDir = None,
 ) -> None:
     """Make links that each let one person in, once, and show them this once."""
-    from app.services import entry_links
+    from app.services.arrival import entry_links
 
-    studio = studio_of(data_dir)
-    say_links(studio, entry_links.create(studio, slug, count, label), address)
+    app = studio_of(data_dir)
+    say_links(app, entry_links.create(app, slug, count, label), address)
 
 
 @link_app.command("pilot")
 def link_pilot(slug: Slug, address: Address = "", data_dir: DataDir = None) -> None:
     """Make a link by which people try the study, without counting. It ends the one before it."""
-    from app.services import pilots
+    from app.services.arrival import pilot_links
 
-    studio = studio_of(data_dir)
-    say_links(studio, [pilots.path_of(slug, pilots.make_link(studio, slug))], address)
+    app = studio_of(data_dir)
+    say_links(app, [pilot_links.path_of(slug, pilot_links.make_link(app, slug))], address)
 
 
-@app.command()
+@commands.command()
 def simulate(
     slug: Slug,
     sessions: Annotated[int, typer.Option(min=1, max=10_000, help="How many sessions.")] = 1,
@@ -299,7 +301,7 @@ def simulate(
     """Let simulated evaluators walk through a study; their data is marked as simulated."""
     from rich.progress import BarColumn, MofNCompleteColumn, Progress
 
-    from app.simulation import run
+    from .simulation import run
 
     progress = Progress("simulating", BarColumn(), MofNCompleteColumn(), console=out)
     task = progress.add_task("", total=sessions)
@@ -334,7 +336,7 @@ def media_render(
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
 
     from app.crane.rendering_jobs import render_all
-    from app.services.recordings import keep_rendered
+    from app.services.recordings.recordings import keep_rendered
 
     settings = settings_of(None)
     target = media_dir or settings.media_dir
@@ -353,10 +355,10 @@ def media_render(
         out.print(f"They are in {settings.recordings_url}, too.")
 
 
-@app.command()
+@commands.command()
 def replay(slug: Slug, data_dir: DataDir = None) -> None:
     """Work every trial out again from the responses; exit 1 if anything comes out otherwise."""
-    from app.services.replay import replay as replay_study
+    from app.services.sessions.replay import replay as replay_study
 
     different = queries = trials = 0
     for trial in replay_study(studio_of(data_dir), slug):
@@ -373,7 +375,7 @@ def replay(slug: Slug, data_dir: DataDir = None) -> None:
     raise Exit(1 if different else 0)
 
 
-@app.command()
+@commands.command()
 def reproduce(
     out_dir: Annotated[Path, typer.Option("--out", help="Folder to write to, and to go on in.")],
     figures: Annotated[

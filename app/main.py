@@ -11,49 +11,53 @@ from fastapi.staticfiles import StaticFiles
 from starlette.types import Scope
 
 from app import __version__
-from app.services import periodic_tasks
-from app.services.settings import Settings
-from app.services.studio import Studio, open_studio
-from app.web import (
+from app.services.bootstrap import open_app
+from app.services.context import AppContext
+from app.services.maintenance import periodic_tasks
+from app.services.runtime.settings import Settings
+from app.web.api import export_routes, session_routes
+from app.web.evaluator import (
+    deleted_study_pages,
+    entry_pages,
+    leaving_pages,
+    media,
+    privacy_pages,
+    re_entry_pages,
+    stage_pages,
+)
+from app.web.experimenter import (
     account_pages,
     activity_pages,
     admin_pages,
-    api,
-    body_limit,
     data_pages,
-    deleted_study_pages,
-    desk,
     draft_pages,
     draft_settings_pages,
-    entrances,
     ethics_pages,
-    exports,
-    faults_counted,
-    guard,
-    host_cookies,
     invitation_pages,
     job_pages,
-    leaving_pages,
-    live,
     manage_pages,
-    media,
     overview_pages,
-    participant_pages,
+    page_context,
     people_pages,
     plan_pages,
-    privacy_pages,
-    problems,
     recruit_pages,
-    request_log,
     results_pages,
-    returning_pages,
+    session_detail_pages,
     sign_in_pages,
-    stage_pages,
-    story_pages,
-    study_pages,
-    watched,
+    study_list_pages,
 )
-from app.web.templating import STATIC
+from app.web.http import (
+    body_limit,
+    failure_middleware,
+    health_routes,
+    host_cookies,
+    problems,
+    request_guard,
+    request_log,
+    server_sent_events,
+    session_paths,
+)
+from app.web.http.templating import STATIC
 
 
 class KeptStaticFiles(StaticFiles):
@@ -71,15 +75,15 @@ class KeptStaticFiles(StaticFiles):
 def create_app(
     settings: Settings | None = None,
     *,
-    studio: Studio | None = None,
+    app: AppContext | None = None,
     closes_studio: bool | None = None,
 ) -> FastAPI:
     """The application over the studio of `settings`, or over one that is open already.
 
     closes_studio: whether the studio ends with the server; by default only one opened here does.
     """
-    opened = studio or open_studio(settings or Settings())
-    closes = studio is None if closes_studio is None else closes_studio
+    opened = app or open_app(settings or Settings())
+    closes = app is None if closes_studio is None else closes_studio
 
     @asynccontextmanager
     async def lifespan(_app: FastAPI) -> AsyncIterator[None]:
@@ -90,7 +94,7 @@ def create_app(
         if closes:
             opened.close()
 
-    app = FastAPI(
+    fastapi_app = FastAPI(
         title="PBPO Studio",
         version=__version__,
         description="Human evaluation studies by pairwise video choices.",
@@ -101,28 +105,28 @@ def create_app(
         # Addresses hold ids of people: they are for no collector that a machine may have set up.
         telemetry={"tracing": False, "metrics": False, "logs": False},
     )
-    app.state.studio = opened
+    fastapi_app.state.app = opened
     # A server that is told to stop says so here, so that streams end before it waits for them.
-    app.state.stopping = lambda: False
-    app.state.streams = live.Streams()
-    problems.install(app)
-    deleted_study_pages.install(app)
-    app.add_middleware(body_limit.BodyLimit)
-    app.add_middleware(guard.Guard)
-    app.add_middleware(host_cookies.HostCookies)
-    app.add_middleware(faults_counted.FaultsCounted)
-    app.add_middleware(request_log.RequestLog)
-    app.add_exception_handler(desk.ToSignIn, _to_sign_in)
-    app.mount("/static", KeptStaticFiles(directory=STATIC), name="static")
+    fastapi_app.state.stopping = lambda: False
+    fastapi_app.state.streams = server_sent_events.Streams()
+    problems.install(fastapi_app)
+    deleted_study_pages.install(fastapi_app)
+    fastapi_app.add_middleware(body_limit.BodyLimit)
+    fastapi_app.add_middleware(request_guard.Guard)
+    fastapi_app.add_middleware(host_cookies.HostCookies)
+    fastapi_app.add_middleware(failure_middleware.FaultsCounted)
+    fastapi_app.add_middleware(request_log.RequestLog)
+    fastapi_app.add_exception_handler(page_context.ToSignIn, _to_sign_in)
+    fastapi_app.mount("/static", KeptStaticFiles(directory=STATIC), name="static")
     for module in (
-        watched,
-        api,
-        exports,
+        health_routes,
+        session_routes,
+        export_routes,
         media,
-        participant_pages,
+        entry_pages,
         stage_pages,
         leaving_pages,
-        returning_pages,
+        re_entry_pages,
         privacy_pages,
         sign_in_pages,
         invitation_pages,
@@ -134,23 +138,23 @@ def create_app(
         draft_pages,
         draft_settings_pages,
         job_pages,
-        study_pages,
+        study_list_pages,
         plan_pages,
         manage_pages,
         recruit_pages,
         data_pages,
         overview_pages,
         results_pages,
-        story_pages,
+        session_detail_pages,
     ):
-        app.include_router(module.router)
+        fastapi_app.include_router(module.router)
     # The pages of evaluators again, for sessions that do not count.
-    for prefix in entrances.PREFIXES.values():
-        for pages in (participant_pages, stage_pages, leaving_pages, privacy_pages):
-            app.include_router(pages.router, prefix=prefix)
-    return app
+    for prefix in session_paths.PREFIXES.values():
+        for pages in (entry_pages, stage_pages, leaving_pages, privacy_pages):
+            fastapi_app.include_router(pages.router, prefix=prefix)
+    return fastapi_app
 
 
 async def _to_sign_in(_request: Request, error: Exception) -> Response:
-    assert isinstance(error, desk.ToSignIn)
+    assert isinstance(error, page_context.ToSignIn)
     return RedirectResponse(error.location, status_code=303)

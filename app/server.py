@@ -25,12 +25,15 @@ from prometheus_client.multiprocess import mark_process_dead
 from uvicorn.config import LOGGING_CONFIG
 from uvicorn.supervisors import Multiprocess
 
-from app.main import create_app
-from app.services import jobs, logs, measurements
-from app.services.errors import ConflictError
-from app.services.settings import Settings
-from app.services.studio import Studio, open_studio
-from app.simulation import JOBS
+from app.services import jobs
+from app.services.bootstrap import open_app
+from app.services.context import AppContext
+from app.services.runtime import json_logging, metrics
+from app.services.runtime.errors import ConflictError
+from app.services.runtime.settings import Settings
+
+from .main import create_app
+from .simulation import JOBS
 
 #: How long an idle connection is kept, in seconds.
 #: Chromium keeps an idle connection for 300 s, Caddy for 120, nginx for 60.
@@ -83,7 +86,7 @@ class _Server(uvicorn.Server):
 
 
 def serve_app(
-    studio: Studio, socket: sockets.socket, ready: Callable[[], None], *, json_logs: bool = False
+    app: AppContext, socket: sockets.socket, ready: Callable[[], None], *, json_logs: bool = False
 ) -> None:
     """Serve until a signal says stop; `ready` is called once requests are answered.
 
@@ -91,12 +94,12 @@ def serve_app(
     for people to read.
     """
     if json_logs:
-        logs.write_json()
+        json_logging.write_json()
     _expect_many()
-    app = _application(studio)
-    config = _config(app, studio.settings, log_config=None if json_logs else LOGGING_CONFIG)
+    fastapi_app = _application(app)
+    config = _config(fastapi_app, app.settings, log_config=None if json_logs else LOGGING_CONFIG)
     server = _Server(config, ready)
-    app.state.stopping = lambda: server.should_exit
+    fastapi_app.state.stopping = lambda: server.should_exit
     server.run(sockets=doors(socket))
 
 
@@ -104,10 +107,10 @@ def serve_with_workers(
     settings: Settings, socket: sockets.socket, workers: int, ready: Callable[[], None]
 ) -> None:
     """Serve with several processes on one socket; one that dies is replaced. Logs are JSON."""
-    logs.write_json()
+    json_logging.write_json()
     # Each worker writes its measurements here, and any of them reads them all.
     with tempfile.TemporaryDirectory(prefix="pbpo-workers-") as folder:
-        os.environ[measurements.SHARED_DIR] = folder
+        os.environ[metrics.SHARED_DIR] = folder
         config = _config(
             partial(_worker, settings, Path(folder)),
             settings,
@@ -142,9 +145,9 @@ class _Workers(Multiprocess):
 
 def _worker(settings: Settings, folder: Path) -> FastAPI:
     """The application of one worker, made in its own process."""
-    logs.write_json()
+    json_logging.write_json()
     _expect_many()
-    app = _application(open_studio(settings, works=JOBS))
+    fastapi_app = _application(open_app(settings, works=JOBS))
     told = threading.Event()
 
     def tell(before: Any, number: int, frame: FrameType | None) -> None:
@@ -154,9 +157,9 @@ def _worker(settings: Settings, folder: Path) -> FastAPI:
     for number in (signal.SIGTERM, signal.SIGINT):
         # The server's own answer is there already, and is given after ours.
         signal.signal(number, partial(tell, signal.getsignal(number)))
-    app.state.stopping = told.is_set
+    fastapi_app.state.stopping = told.is_set
     threading.Thread(target=partial(_end_with_server, folder), daemon=True).start()
-    return app
+    return fastapi_app
 
 
 def _end_with_server(folder: Path) -> None:
@@ -178,21 +181,21 @@ def _expect_many() -> None:
         resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))
 
 
-def _application(studio: Studio) -> FastAPI:
+def _application(app: AppContext) -> FastAPI:
     # Closed by the application itself: the server passes a signal on before it returns here.
-    app = create_app(studio=studio, closes_studio=True)
+    fastapi_app = create_app(app=app, closes_studio=True)
     # What is there now stays: looking through it for what can be thrown away, again and again,
     # would take as long as a part of the answers.
     gc.collect()
     gc.freeze()
     gc.set_threshold(GARBAGE_AT)
-    jobs.revive(studio)
-    return app
+    jobs.revive(app)
+    return fastapi_app
 
 
-def _config(app: Any, settings: Settings, **more: Any) -> uvicorn.Config:
+def _config(fastapi_app: Any, settings: Settings, **more: Any) -> uvicorn.Config:
     return uvicorn.Config(
-        app,
+        fastapi_app,
         log_level="warning",
         access_log=False,
         # Which software answers is nobody's business.

@@ -16,17 +16,19 @@ from sqlalchemy import select
 
 from app.lab.evaluators import Certain, Evaluator, Uncertain
 from app.lab.walk import walk
-from app.main import create_app
-from app.services import design, studies
-from app.services.accounts import Experimenter, Role
-from app.services.errors import ConflictError
-from app.services.in_process import InProcess
-from app.services.settings import Settings
-from app.services.studio import Studio, open_studio, utc_now
-from app.services.work import Report, Work
+from app.services.accounts.accounts import Principal, Role
+from app.services.background.job_function import Report, Work
+from app.services.background.local import LocalBackground
+from app.services.bootstrap import open_app
+from app.services.context import AppContext, utc_now
+from app.services.runtime.errors import ConflictError
+from app.services.runtime.settings import Settings
+from app.services.studies import repository, simulation_results
 from app.storage.database import Database
-from app.storage.tables import Candidate, Recording, SessionRow, Study
-from app.web.security import optional_experimenter
+from app.storage.models.studies import Candidate, Recording, SessionRow, Study
+from app.web.http.security import optional_experimenter
+
+from .main import create_app
 
 T = TypeVar("T")
 
@@ -37,7 +39,7 @@ ETA_PER_SPREAD = 0.08 * 23.4
 LONGEST_SESSION = timedelta(hours=6)
 
 #: Who starts simulated sessions: whoever runs the command may do everything, account or not.
-SIMULATOR = Experimenter(0, "simulation", Role.ADMIN)
+SIMULATOR = Principal(0, "simulation", Role.ADMIN)
 
 
 class SkippedClock:
@@ -60,7 +62,7 @@ class SkippedClock:
         self._ahead = -self._longest
 
 
-class NothingAhead(InProcess):
+class NothingAhead(LocalBackground):
     """No work ahead and no videos: a simulated evaluator does not watch, and need not wait."""
 
     def in_thread(self, key: Hashable, function: Callable[..., T], *args: Any) -> Future[T]:
@@ -108,16 +110,16 @@ def simulate_job(settings: Settings, request: Mapping[str, Any], report: Report)
 
 
 #: Kinds of job that walk through the application itself, which services may not import.
-JOBS: Mapping[str, Work] = {design.SIMULATE: simulate_job}
+JOBS: Mapping[str, Work] = {simulation_results.SIMULATE: simulate_job}
 
 
 def completed_simulated(settings: Settings, slug: str) -> int:
     """How many simulated sessions of a study were completed."""
     database = Database(settings.url)
     try:
-        with database.read() as session:
+        with database.read() as db:
             return len(
-                session.scalars(
+                db.scalars(
                     select(SessionRow.id)
                     .join(Study, SessionRow.study_id == Study.id)
                     .where(
@@ -149,16 +151,16 @@ def run(
     how many are done. first: how many have been done before.
     """
     clock = SkippedClock(LONGEST_SESSION)
-    studio = open_studio(settings, now=clock.now, background=NothingAhead(1))
+    app = open_app(settings, now=clock.now, background=NothingAhead(1))
     try:
-        walks = _run(studio, clock, slug, range(first, sessions), kind, seed, eta, report)
+        walks = _run(app, clock, slug, range(first, sessions), kind, seed, eta, report)
         return asyncio.run(walks)
     finally:
-        studio.close()
+        app.close()
 
 
 async def _run(
-    studio: Studio,
+    app: AppContext,
     clock: SkippedClock,
     slug: str,
     indices: range,
@@ -167,17 +169,17 @@ async def _run(
     eta: float | None,
     report: Report,
 ) -> Simulated:
-    scores = _scores(studio, slug)
+    scores = _scores(app, slug)
     values = np.array(list(scores.values()))
     skip_below = float(values.mean())
     eta = ETA_PER_SPREAD / max(float(values.std()), 1e-12) if eta is None else eta
 
     def score_of(url: str) -> float:
-        shown = studio.addresses.opened(PurePosixPath(url).stem)
+        shown = app.addresses.opened(PurePosixPath(url).stem)
         assert shown is not None  # the session was just given it
         return scores[shown.recording_id]
 
-    application = create_app(studio=studio)
+    application = create_app(app=app)
     application.dependency_overrides[optional_experimenter] = lambda: SIMULATOR
     transport = httpx.ASGITransport(application)
     completed = 0
@@ -196,11 +198,11 @@ async def _run(
     return Simulated(completed, skip_below, eta if kind == "uncertain" else None)
 
 
-def _scores(studio: Studio, slug: str) -> dict[int, float]:
+def _scores(app: AppContext, slug: str) -> dict[int, float]:
     """Score of each recording of a study by its key. Raises ConflictError if one has none."""
-    study = studies.find(studio, slug)
-    with studio.database.read() as session:
-        rows = session.execute(
+    study = repository.find(app, slug)
+    with app.database.read() as db:
+        rows = db.execute(
             select(Recording.id, Recording.score)
             .join(Candidate, Recording.candidate_id == Candidate.id)
             .where(Candidate.study_id == study.id)

@@ -11,13 +11,16 @@ from pathlib import Path
 
 import procrastinate
 
-from app.services import logs, periodic_tasks, safety
-from app.services.in_process import InProcess
-from app.services.settings import Settings
-from app.services.studio import open_studio
-from app.services.worker_tasks import Pulse, WorkerTasks
-from app.simulation import JOBS
+from app.services.background.local import LocalBackground
+from app.services.bootstrap import open_app
+from app.services.maintenance import periodic_tasks
+from app.services.maintenance.worker_tasks import HeartbeatConfig, WorkerTasks
+from app.services.monitoring import startup_checks
+from app.services.runtime import json_logging
+from app.services.runtime.settings import Settings
 from app.storage.task_queue import QUEUES, RENDER, TaskQueue
+
+from .simulation import JOBS
 
 log = logging.getLogger(__name__)
 
@@ -33,27 +36,27 @@ def work(
     ready: Callable[[], None],
     *,
     alive: Path | None = None,
-    pulse: Pulse = Pulse(),  # noqa: B008 - a frozen value
+    pulse: HeartbeatConfig = HeartbeatConfig(),  # noqa: B008 - a frozen value
 ) -> None:
     """Do what servers ask for, so many videos at a time, until SIGTERM or SIGINT.
 
     ready: called once it takes tasks. alive: a file that is touched as long as it reaches the
     database. Logs are lines of JSON. Raises ConflictError without the setting.
     """
-    safety.require_workers_apart(settings)
-    logs.write_json()
+    startup_checks.require_workers_apart(settings)
+    json_logging.write_json()
     logging.getLogger("procrastinate").setLevel(logging.WARNING)
     # It tells of each task that failed, and so do we.
     logging.getLogger("procrastinate.worker").setLevel(logging.CRITICAL)
     for queue in QUEUES:
         logging.getLogger(f"procrastinate.worker.{queue}").setLevel(logging.WARNING)
-    studio = open_studio(settings, background=InProcess(videos), works=JOBS)
+    app = open_app(settings, background=LocalBackground(videos), works=JOBS)
     try:
-        tasks = WorkerTasks(studio, TaskQueue(studio.database), pulse)
-        with periodic_tasks.running(studio, of_the_studio=False):
+        tasks = WorkerTasks(app, TaskQueue(app.database), pulse)
+        with periodic_tasks.running(app, of_the_studio=False):
             asyncio.run(_until_told(tasks, _Manner(videos, alive, pulse), ready))
     finally:
-        studio.close()
+        app.close()
 
 
 @dataclass(frozen=True)
@@ -62,7 +65,7 @@ class _Manner:
 
     videos: int
     alive: Path | None
-    pulse: Pulse
+    pulse: HeartbeatConfig
 
 
 async def _until_told(tasks: WorkerTasks, manner: _Manner, ready: Callable[[], None]) -> None:
@@ -72,12 +75,12 @@ async def _until_told(tasks: WorkerTasks, manner: _Manner, ready: Callable[[], N
     is_ready = False
     while not told.is_set():
         try:
-            async with tasks.app().open_async() as app:
+            async with tasks.app().open_async() as queue_app:
                 await asyncio.to_thread(tasks.ask_for_sweep)
                 if not is_ready:
                     ready()
                     is_ready = True
-                await _take_tasks(app, tasks, manner, told)
+                await _take_tasks(queue_app, tasks, manner, told)
         except Exception:
             # The database was stopped, say: what was in hand is taken back by whoever is there.
             log.exception("the worker lost its queue, and tries again")
@@ -86,13 +89,13 @@ async def _until_told(tasks: WorkerTasks, manner: _Manner, ready: Callable[[], N
 
 
 async def _take_tasks(
-    app: procrastinate.App, tasks: WorkerTasks, manner: _Manner, told: asyncio.Event
+    queue_app: procrastinate.App, tasks: WorkerTasks, manner: _Manner, told: asyncio.Event
 ) -> None:
     """Take tasks until told to stop, or until the queue cannot be reached."""
     pulse = manner.pulse
     hands = [
         asyncio.create_task(
-            app.run_worker_async(
+            queue_app.run_worker_async(
                 queues=[queue],
                 name=queue,
                 concurrency=manner.videos if queue == RENDER else 1,

@@ -7,19 +7,19 @@ from typing import Any
 from alembic import context
 from sqlalchemy import event, text
 
-from app.storage import accounts, arrivals, consent_tables, records, server_secrets, tables
-from app.storage.alone import Alone
+from app.storage.advisory_lock import Alone
 from app.storage.database import Database
+from app.storage.models import accounts, arrivals, consents, records, server_secrets, studies
 
 # All modules fill the same metadata.
 for _table in (
     accounts.Account,
     arrivals.Reentry,
-    consent_tables.ConsentRow,
+    consents.ConsentRow,
     records.AuditEvent,
     server_secrets.ServerSecret,
 ):
-    assert _table.metadata is tables.Base.metadata
+    assert _table.metadata is studies.Base.metadata
 
 
 def run() -> None:
@@ -39,7 +39,7 @@ def run() -> None:
                 connection.commit()
             context.configure(
                 connection=connection,
-                target_metadata=tables.Base.metadata,
+                target_metadata=studies.Base.metadata,
                 # SQLite cannot alter a table in place: Alembic copies it.
                 render_as_batch=database.is_sqlite,
                 transaction_per_migration=True,

@@ -20,13 +20,15 @@ import pytest
 from argon2 import PasswordHasher, Type
 from sqlalchemy import func, select
 
-from app.services import accounts, studies
-from app.services.background import Background
-from app.services.in_process import InProcess
-from app.services.settings import Settings
-from app.services.studio import Studio, open_studio
-from app.services.work import Work
-from app.storage.accounts import Account
+from app.services.accounts import accounts
+from app.services.background.interface import Background
+from app.services.background.job_function import Work
+from app.services.background.local import LocalBackground
+from app.services.bootstrap import open_app
+from app.services.context import AppContext
+from app.services.runtime.settings import Settings
+from app.services.studies import repository
+from app.storage.models.accounts import Account
 
 from .databases import Databases, PostgresServer, SqliteFiles, compile_once
 
@@ -94,7 +96,7 @@ def media_dir(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-class NoRendering(InProcess):
+class NoRendering(LocalBackground):
     """Background work that renders nothing: videos asked for never come."""
 
     def in_process(
@@ -167,21 +169,21 @@ def works() -> Mapping[str, Work]:
 
 
 @pytest.fixture
-def studio(
+def app(
     settings: Settings,
     clock: Clock,
     background: Background,
     databases: Databases,
     works: Mapping[str, Work],
-) -> Iterator[Studio]:
+) -> Iterator[AppContext]:
     """A studio with nothing in it, which renders no videos."""
     if not settings.database_url:
         databases.new(settings.data_dir)
     # Seeds 1, 2, 3, ...: a test asks the same queries each time it runs.
     seed = count(1).__next__
-    studio = open_studio(settings, now=clock.now, seed=seed, background=background, works=works)
-    yield studio
-    studio.close()
+    app = open_app(settings, now=clock.now, seed=seed, background=background, works=works)
+    yield app
+    app.close()
 
 
 SHORT_PLAN = """
@@ -239,12 +241,12 @@ class StudyShelf:
         self._media_dir = media_dir
         self._made: dict[str, Any] = {}
 
-    def put_into(self, studio: Studio, plan: str) -> None:
+    def put_into(self, app: AppContext, plan: str) -> None:
         """Replace what the studio's database holds by the open study of this plan."""
-        with studio.database.read() as session:
-            people = session.scalar(select(func.count(Account.id)))
+        with app.database.read() as db:
+            people = db.scalar(select(func.count(Account.id)))
             assert people == 0, "expected the study first: it takes the place of what is there"
-        self._databases.put_into(studio.settings.url, self._with(plan))
+        self._databases.put_into(app.settings.url, self._with(plan))
 
     def _with(self, plan: str) -> Any:
         if plan not in self._made:
@@ -254,11 +256,11 @@ class StudyShelf:
                 media_dir=self._media_dir,
                 database_url=self._databases.new(place / "data"),
             )
-            folder = studies.load_folder(str(write_study(place / "study", plan)))
-            studio = open_studio(settings, now=Clock().now, background=Idle(1))
-            studies.create(studio, folder)
-            studies.open_study(studio, folder.plan.slug)
-            studio.close()
+            folder = repository.load_folder(str(write_study(place / "study", plan)))
+            app = open_app(settings, now=Clock().now, background=Idle(1))
+            repository.create(app, folder)
+            repository.open_study(app, folder.plan.slug)
+            app.close()
             self._made[plan] = self._databases.keep(settings.url)
         return self._made[plan]
 
@@ -275,7 +277,7 @@ def study_shelf(
 
 
 @pytest.fixture
-def short_study(studio: Studio, study_shelf: StudyShelf) -> studies.StudyInfo:
+def short_study(app: AppContext, study_shelf: StudyShelf) -> repository.StudyInfo:
     """An open study on the crane: three conditions, one trial of four queries each."""
-    study_shelf.put_into(studio, SHORT_PLAN)
-    return studies.find(studio, "short")
+    study_shelf.put_into(app, SHORT_PLAN)
+    return repository.find(app, "short")

@@ -7,12 +7,12 @@ from typing import Annotated
 
 import typer
 
-from app.services import backups
-from app.services.backups import Backup
-from app.services.errors import ConflictError
-from app.services.studio import utc_now
+from app.services.context import utc_now
+from app.services.maintenance import backups
+from app.services.maintenance.backups import Backup
+from app.services.runtime.errors import ConflictError
 
-from .asking import DataDir, out, settings_of
+from .options import DataDir, out, settings_of
 
 
 def backup(

@@ -10,14 +10,14 @@ from typing import Annotated
 import typer
 
 from app.services import export as exports
-from app.services import studies
-from app.services.audit import COMMAND_LINE
-from app.services.errors import ServiceError
+from app.services.accounts.audit_log import COMMAND_LINE
+from app.services.context import AppContext
 from app.services.export import FORMATS, TABLES, Request
-from app.services.quality import Flag
-from app.services.studio import Studio
+from app.services.monitoring.data_quality import Flag
+from app.services.runtime.errors import ServiceError
+from app.services.studies import repository
 
-from .asking import DataDir, Slug, out, studio_of
+from .options import DataDir, Slug, out, studio_of
 
 
 class Mode(StrEnum):
@@ -61,7 +61,7 @@ Overwrite = Annotated[
 
 
 def asked(
-    studio: Studio,
+    app: AppContext,
     slug: str,
     mode: list[Mode] | None,
     condition: list[str] | None,
@@ -73,9 +73,9 @@ def asked(
 ) -> Request:
     """What the options ask for. Raises ServiceError."""
     return exports.settled(
-        studio,
+        app,
         Request(
-            studies.find(studio, slug),
+            repository.find(app, slug),
             exports.modes_of([str(chosen) for chosen in mode or ()]),
             tuple(dict.fromkeys(condition or ())),
             _day(since),
@@ -113,9 +113,9 @@ def export(
         raise ServiceError(f"expected tables among {', '.join(TABLES)}, got {unknown[0]!r}")
     if table and format != "csv":
         raise ServiceError(f"expected --table with --format csv, got --format {format}")
-    studio = studio_of(data_dir)
+    app = studio_of(data_dir)
     request = asked(
-        studio, slug, mode, condition, since, until, exclude_flagged, exclude_flag, completed
+        app, slug, mode, condition, since, until, exclude_flagged, exclude_flag, completed
     )
     named = [name for name in dict.fromkeys(table or ()) if name != "identities"]
     parts = {format: form.files(request)} if not table else {}
@@ -126,7 +126,7 @@ def export(
         parts["identities"] = [exports.table_file(TABLES["identities"], request)]
     for name, files in parts.items():
         for path in exports.write_folder(
-            studio, COMMAND_LINE, request, name, files, out_dir, overwrite=overwrite
+            app, COMMAND_LINE, request, name, files, out_dir, overwrite=overwrite
         ):
             out.print(str(path))
 
@@ -147,17 +147,17 @@ def report(
     """Write a study's report, report.html and report.pdf: design, flow, results, versions."""
     from app.services import reporting  # noqa: PLC0415 - figures are slow to load
 
-    studio = studio_of(data_dir)
+    app = studio_of(data_dir)
     request = asked(
-        studio, slug, mode, condition, since, until, exclude_flagged, exclude_flag, completed
+        app, slug, mode, condition, since, until, exclude_flagged, exclude_flag, completed
     )
-    described = reporting.describe(studio, request)
+    described = reporting.describe(app, request)
     files = [
         exports.File("report.html", lambda _session: [reporting.html(described)]),
         exports.File("report.pdf", lambda _session: [reporting.pdf(described)]),
     ]
     for path in exports.write_folder(
-        studio, COMMAND_LINE, request, "report", files, out_dir, overwrite=overwrite
+        app, COMMAND_LINE, request, "report", files, out_dir, overwrite=overwrite
     ):
         out.print(str(path))
 

@@ -7,10 +7,10 @@ from typing import Annotated
 
 import typer
 
-from app.services import cloning, lifecycle
+from app.services.studies import folder_export, lifecycle
 from app.study.scaffold import require_empty
 
-from .asking import DataDir, Slug, out, studio_of
+from .options import DataDir, Slug, out, studio_of
 
 app = typer.Typer()
 
@@ -40,7 +40,7 @@ def clone(
 ) -> None:
     """Write a study's plan, texts, table and videos into a folder, to make another one of."""
     require_empty(folder)
-    cloning.write_folder(studio_of(data_dir), slug, folder, new_slug or f"{slug}-copy")
+    folder_export.write_folder(studio_of(data_dir), slug, folder, new_slug or f"{slug}-copy")
     out.print(f"{folder} holds a copy of {slug}. Change it, then: pbpo study check {folder}")
 
 

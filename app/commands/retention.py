@@ -6,20 +6,20 @@ from typing import Annotated
 
 import typer
 
-from app.services import retention
-from app.services.audit import COMMAND_LINE
+from app.services.accounts.audit_log import COMMAND_LINE
+from app.services.maintenance import retention
 
-from .asking import DataDir, out, studio_of
+from .options import DataDir, out, studio_of
 
-app = typer.Typer(no_args_is_help=True, help="Delete what studies have promised to delete.")
+commands = typer.Typer(no_args_is_help=True, help="Delete what studies have promised to delete.")
 
 
-@app.callback()
+@commands.callback()
 def _group() -> None:
     """Delete what studies have promised to delete."""
 
 
-@app.command()
+@commands.command()
 def run(
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="Only say what is due, and delete nothing.")
@@ -27,8 +27,8 @@ def run(
     data_dir: DataDir = None,
 ) -> None:
     """Delete what is due by each study's retention rule, as the server does every hour."""
-    studio = studio_of(data_dir)
-    found = retention.run(studio, dry_run=dry_run, actor=COMMAND_LINE)
+    app = studio_of(data_dir)
+    found = retention.run(app, dry_run=dry_run, actor=COMMAND_LINE)
     verb = "would be" if dry_run else "were"
     for slug, swept in found.items():
         if swept.failed:

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from .asking import DataDir, out, settings_of
+from .options import DataDir, out, settings_of
 
 
 def worker(
@@ -28,9 +28,9 @@ def worker(
     """
     settings = settings_of(data_dir)
     # A command loads only what it needs, and this is all of the application.
-    from app.services import safety  # noqa: PLC0415
+    from app.services.monitoring import startup_checks  # noqa: PLC0415
 
-    safety.require_workers_apart(settings)
+    startup_checks.require_workers_apart(settings)
     from app.worker import work  # noqa: PLC0415
 
     videos = jobs or settings.render_jobs

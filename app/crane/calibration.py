@@ -13,9 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from app.crane import library
-from app.crane.environments import ENVIRONMENTS
-from app.crane.landscape import (
+from . import library
+from .environments import ENVIRONMENTS
+from .landscape import (
     BEST_CANDIDATE_TOLERANCE_S,
     BEST_TOLERANCE,
     DEVIATION_TOLERANCE,
@@ -30,7 +30,7 @@ from app.crane.landscape import (
     Published,
     landscape,
 )
-from app.crane.search import fit
+from .search import fit
 
 
 @dataclass(frozen=True)

@@ -13,14 +13,7 @@ from typing import assert_never
 
 import numpy as np
 
-from app.crane.environments import (
-    Claws,
-    ClumpEnvironment,
-    Environment,
-    FloatArray,
-    GrainEnvironment,
-    Grasp,
-)
+from .environments import Claws, ClumpEnvironment, Environment, FloatArray, GrainEnvironment, Grasp
 
 SAMPLE_RATE_HZ = 50
 DURATION_S = 10.0

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from app.crane.environments import FloatArray
+from .environments import FloatArray
 
 
 class WeightSeriesError(ValueError):

@@ -11,8 +11,8 @@ from types import MappingProxyType
 
 import numpy as np
 
-from app.crane.environments import FloatArray, candidates
-from app.crane.evaluation import objective
+from .environments import FloatArray, candidates
+from .evaluation import objective
 
 MEAN_TOLERANCE = 2.0  # g
 DEVIATION_TOLERANCE = 3.0  # g

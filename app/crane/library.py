@@ -14,10 +14,10 @@ from pathlib import Path
 
 import numpy as np
 
-from app.crane.dynamics import Run, simulate
-from app.crane.environments import FloatArray, candidates, environment_named, run_rng
-from app.crane.evaluation import score
-from app.crane.renderer import RENDERER_VERSION, fingerprint, render
+from .dynamics import Run, simulate
+from .environments import FloatArray, candidates, environment_named, run_rng
+from .evaluation import score
+from .renderer import RENDERER_VERSION, fingerprint, render
 
 RUNS_PER_CANDIDATE = 5
 VIDEO_NAME_DIGITS = 32  # hexadecimal; 128 bits tell every video there will be apart

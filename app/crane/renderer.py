@@ -14,7 +14,6 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from app.crane.dynamics import Run
 from app.crane.picture.bucket import (
     HOIST_LEFT,
     HOIST_TOP,
@@ -31,6 +30,8 @@ from app.crane.picture.clumps import Clumps
 from app.crane.picture.grains import Grains
 from app.crane.picture.pit import pit
 from app.crane.picture.stage import FRAMES, HINGE_Y, SAMPLES_PER_FRAME, trolley_x
+
+from .dynamics import Run
 
 # Part of every video's name. Raise it when the pictures change, so that old files are not reused.
 RENDERER_VERSION = "1"

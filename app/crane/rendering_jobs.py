@@ -15,8 +15,8 @@ from multiprocessing import get_context, parent_process
 from pathlib import Path
 from typing import TypeAlias
 
-from app.crane.environments import ENVIRONMENTS, candidates, environment_named
-from app.crane.library import RUNS_PER_CANDIDATE, ensure_video
+from .environments import ENVIRONMENTS, candidates, environment_named
+from .library import RUNS_PER_CANDIDATE, ensure_video
 
 Recording: TypeAlias = tuple[str, int, int]  # environment, candidate index, run index
 Progress: TypeAlias = Callable[[int, int], None]  # videos that are there, videos in all

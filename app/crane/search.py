@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from app.crane.dynamics import simulate
-from app.crane.environments import (
+from .dynamics import simulate
+from .environments import (
     Claws,
     ClumpEnvironment,
     Environment,
@@ -23,8 +23,8 @@ from app.crane.environments import (
     candidates,
     run_rng,
 )
-from app.crane.evaluation import objective, score
-from app.crane.landscape import (
+from .evaluation import objective, score
+from .landscape import (
     BEST_CANDIDATE_TOLERANCE_S,
     BEST_TOLERANCE,
     DEVIATION_TOLERANCE,
@@ -39,7 +39,7 @@ from app.crane.landscape import (
     Published,
     landscape,
 )
-from app.crane.library import RUNS_PER_CANDIDATE
+from .library import RUNS_PER_CANDIDATE
 
 
 @dataclass(frozen=True)

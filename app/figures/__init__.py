@@ -6,19 +6,19 @@ reads a file: what it shows is in its tables.
 
 from __future__ import annotations
 
-from app.figures.bands import bands
-from app.figures.boxes import boxes
-from app.figures.counts import counts
-from app.figures.curves import mean_curves
-from app.figures.files import png, save, svg
-from app.figures.intervals import intervals
-from app.figures.looks import in_the_dark
-from app.figures.maps import CRANE, maps, side
-from app.figures.paths import paths
-from app.figures.slices import slices
-from app.figures.strips import strips
-from app.figures.tables import FigureDataError, Row, Table
-from app.figures.violins import violins
+from .bands import bands
+from .boxes import boxes
+from .counts import counts
+from .curves import mean_curves
+from .files import png, save, svg
+from .intervals import intervals
+from .maps import CRANE, maps, side
+from .paths import paths
+from .slices import slices
+from .strips import strips
+from .tables import FigureDataError, Row, Table
+from .theme import in_the_dark
+from .violins import violins
 
 __all__ = [
     "CRANE",

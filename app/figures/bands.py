@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import altair as alt
 import numpy as np
 
-from app.figures.looks import colour_scale, in_a_row, label, panel_of
-from app.figures.tables import Row, Table, distinct, inline, require, where
+from .tables import Row, Table, distinct, inline, require, where
+from .theme import colour_scale, in_a_row, label, panel_of
 
 
 def bands(

@@ -7,9 +7,9 @@ from collections.abc import Mapping, Sequence
 import altair as alt
 import numpy as np
 
-from app.figures.curves import optimum_line
-from app.figures.looks import INK, colour_scale, in_a_row, label, panel_of
-from app.figures.tables import Row, Table, distinct, inline, require, where
+from .curves import optimum_line
+from .tables import Row, Table, distinct, inline, require, where
+from .theme import INK, colour_scale, in_a_row, label, panel_of
 
 
 def boxes(

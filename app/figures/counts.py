@@ -5,8 +5,8 @@ from __future__ import annotations
 import altair as alt
 import numpy as np
 
-from app.figures.looks import COLOURS, INK, in_a_row, panel_of
-from app.figures.tables import Table, distinct, inline, require, where
+from .tables import Table, distinct, inline, require, where
+from .theme import COLOURS, INK, in_a_row, panel_of
 
 #: So many people can be named below their bars.
 FEW = 8

@@ -8,8 +8,8 @@ from typing import Final
 import altair as alt
 import numpy as np
 
-from app.figures.looks import INK, QUIET, colour_scale, in_a_row, label, panel_of
-from app.figures.tables import Row, Table, distinct, inline, require, where
+from .tables import Row, Table, distinct, inline, require, where
+from .theme import INK, QUIET, colour_scale, in_a_row, label, panel_of
 
 #: Half the width of the band, in standard errors: 95 % of a normal distribution.
 BAND_STANDARD_ERRORS: Final = 1.96

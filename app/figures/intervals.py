@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import altair as alt
 
-from app.figures.looks import COLOURS, INK, QUIET, panel_of, stacked
-from app.figures.tables import Table, distinct, inline, require, where
+from .tables import Table, distinct, inline, require, where
+from .theme import COLOURS, INK, QUIET, panel_of, stacked
 
 #: Height of a row with its name, and of one among so many that names would not be read.
 ROW_HEIGHT, THIN_ROW_HEIGHT = 22, 3

@@ -10,8 +10,8 @@ from typing import Final, Literal, TypeVar
 
 import altair as alt
 
-from app.figures.looks import INK, MAP_SCHEME, PAPER, panel_of, styled
-from app.figures.tables import FigureDataError, Row, Table, distinct, inline, require, where
+from .tables import FigureDataError, Row, Table, distinct, inline, require, where
+from .theme import INK, MAP_SCHEME, PAPER, panel_of, styled
 
 #: Half the grid's step (paper section V-C): each candidate is the middle of its square.
 HALF_STEP_S: Final = 0.025

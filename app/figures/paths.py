@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import altair as alt
 
-from app.figures.looks import COLOURS, panel_of, stacked
-from app.figures.tables import Table, distinct, inline, require, where
+from .tables import Table, distinct, inline, require, where
+from .theme import COLOURS, panel_of, stacked
 
 
 def paths(table: Table, *, x_title: str = "query") -> alt.VConcatChart:

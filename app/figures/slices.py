@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import altair as alt
 
-from app.figures.looks import COLOURS, INK, in_a_row, panel_of
-from app.figures.maps import OPTIMUM_COLOUR
-from app.figures.tables import Table, distinct, inline, require, where
+from .maps import OPTIMUM_COLOUR
+from .tables import Table, distinct, inline, require, where
+from .theme import COLOURS, INK, in_a_row, panel_of
 
 
 def slices(table: Table, *, points: Table = (), optimum: Table = ()) -> alt.HConcatChart:

@@ -6,8 +6,8 @@ from collections import Counter
 
 import altair as alt
 
-from app.figures.looks import COLOURS, INK, panel_of, stacked
-from app.figures.tables import Table, distinct, inline, require, where
+from .tables import Table, distinct, inline, require, where
+from .theme import COLOURS, INK, panel_of, stacked
 
 
 def strips(table: Table, *, y_title: str = "condition") -> alt.VConcatChart:

@@ -9,9 +9,9 @@ from typing import Final
 import altair as alt
 import numpy as np
 
-from app.figures.curves import optimum_line
-from app.figures.looks import INK, PAPER, colour_scale, in_a_row, label, panel_of
-from app.figures.tables import Row, Table, distinct, inline, require, where
+from .curves import optimum_line
+from .tables import Row, Table, distinct, inline, require, where
+from .theme import INK, PAPER, colour_scale, in_a_row, label, panel_of
 
 #: Widest half of a violin, where neighbours stand 1 apart.
 HALF_WIDTH: Final = 0.4

@@ -22,8 +22,9 @@ from typing import Final  # noqa: E402
 import numpy as np  # noqa: E402
 from numpy.typing import NDArray  # noqa: E402
 
-from app.lab.peers import PEERS, Pairs  # noqa: E402
 from app.pbbo import PRESETS, PreferenceOptimizer  # noqa: E402
+
+from .peers import PEERS, Pairs  # noqa: E402
 
 FloatArray = NDArray[np.float64]
 Entry = tuple[int, int, str]

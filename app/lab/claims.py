@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from app.figures.looks import label
+from app.figures.theme import label
 from app.statistics.comparisons import Comparison, compare, p_value
 
 from .results import Results

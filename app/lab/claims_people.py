@@ -11,7 +11,7 @@ from typing import Final
 
 import numpy as np
 
-from app.figures.looks import label
+from app.figures.theme import label
 from app.statistics.comparisons import compare
 
 from .claims import Claim, Pair, alike, better, described, mean

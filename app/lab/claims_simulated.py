@@ -16,7 +16,7 @@ from app.crane.landscape import (
     PUBLISHED,
     landscape,
 )
-from app.figures.looks import label
+from app.figures.theme import label
 from app.statistics.comparisons import interquartile_range
 
 from .claims import Claim, Pair, alike, better

@@ -18,7 +18,8 @@ import numpy as np
 
 from app.crane.environments import Environment, FloatArray, candidates
 from app.crane.search import RANGES, build
-from app.lab.fast_runs import runs_at_once
+
+from .fast_runs import runs_at_once
 
 #: How many cranes settings are chosen on, and how many they are decided on; half of each kind.
 CHOOSING: Final = 10

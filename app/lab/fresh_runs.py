@@ -22,7 +22,8 @@ from typing import Final
 import numpy as np
 
 from app.crane.environments import Environment, FloatArray, candidates
-from app.lab.fast_runs import runs_at_once
+
+from .fast_runs import runs_at_once
 
 #: Fresh runs of each candidate.
 RUNS: Final = 400

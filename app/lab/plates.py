@@ -7,7 +7,7 @@ from types import MappingProxyType
 from typing import Any, Final, TypeAlias
 
 from app.figures import Row, boxes, counts, maps, mean_curves, violins
-from app.figures.looks import label
+from app.figures.theme import label
 from app.pbbo import PreferenceOptimizer, ScoreOptimizer
 from app.statistics.comparisons import compare
 

@@ -22,9 +22,10 @@ from scipy.stats import qmc
 
 from app.crane import library
 from app.crane.environments import Environment, candidates, environment_named
-from app.lab.drawn_cranes import CHOOSING, DECIDING, drawn_crane
-from app.lab.evaluators import ETA
-from app.lab.fresh_runs import fresh_scores
+
+from .drawn_cranes import CHOOSING, DECIDING, drawn_crane
+from .evaluators import ETA
+from .fresh_runs import fresh_scores
 
 FloatArray = NDArray[np.float64]
 

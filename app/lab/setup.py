@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from app.figures.looks import label
+from app.figures.theme import label
 from app.pbbo import ENGINE_VERSION, PRESETS, SCORE_PRESETS
 from app.statistics.comparisons import compare, interquartile_range
 

@@ -68,6 +68,6 @@ VARIANTS: Final[Mapping[str, Variant]] = {
 }
 
 if __name__ == "__main__":
-    from app.lab.comparison import main
+    from .comparison import main
 
     main()

@@ -17,16 +17,16 @@ from typing import Any
 from sqlalchemy import and_, or_, select, update
 from sqlalchemy.engine import CursorResult
 
+from app.services.accounts.accounts import Principal
+from app.services.background.job_function import Work
+from app.services.runtime import disk_quota
+from app.services.runtime.errors import NotFoundError, ServiceError
+from app.services.runtime.ids import new_public_id
+from app.services.runtime.settings import Settings
 from app.storage.database import Database
-from app.storage.records import Job
+from app.storage.models.records import Job
 
-from . import room
-from .accounts import Experimenter
-from .errors import NotFoundError, ServiceError
-from .settings import Settings
-from .studio import Studio, utc_now
-from .tokens import new_public_id
-from .work import Work
+from .context import AppContext, utc_now
 
 log = logging.getLogger(__name__)
 
@@ -63,8 +63,8 @@ class JobInfo:
 
 
 def ask(
-    studio: Studio,
-    caller: Experimenter,
+    app: AppContext,
+    caller: Principal,
     kind: str,
     request: Mapping[str, Any],
     study_id: int | None = None,
@@ -73,11 +73,11 @@ def ask(
 
     Raises NoRoomError, since every kind of work writes to the disk.
     """
-    if kind not in studio.works:
-        raise ServiceError(f"expected work among {', '.join(studio.works)}, got {kind!r}")
-    room.require(studio.settings, studio.settings.data_dir)
-    with studio.database.write() as session:
-        under_way = session.scalars(
+    if kind not in app.works:
+        raise ServiceError(f"expected work among {', '.join(app.works)}, got {kind!r}")
+    disk_quota.require(app.settings, app.settings.data_dir)
+    with app.database.write() as db:
+        under_way = db.scalars(
             select(Job).where(
                 Job.kind == kind,
                 Job.account_id == caller.account_id,
@@ -96,48 +96,48 @@ def ask(
                 done=0,
                 total=1,
                 request=dict(request),
-                created_at=studio.now(),
+                created_at=app.now(),
             )
-            session.add(job)
-            session.flush()
+            db.add(job)
+            db.flush()
         info = _info(job)
-    _start(studio, info)
+    _start(app, info)
     return info
 
 
-def look(studio: Studio, caller: Experimenter, public_id: str) -> JobInfo:
+def look(app: AppContext, caller: Principal, public_id: str) -> JobInfo:
     """How far the caller's job is. Raises NotFoundError."""
-    with studio.database.read() as session:
-        job = session.scalar(
+    with app.database.read() as db:
+        job = db.scalar(
             select(Job).where(Job.public_id == public_id, Job.account_id == caller.account_id)
         )
         if job is None:
             raise NotFoundError("there is no such job")
         info = _info(job)
     if not info.is_over:
-        revive(studio)
+        revive(app)
     return info
 
 
 def newest(
-    studio: Studio, kind: str, *, study_id: int | None = None, **request: Any
+    app: AppContext, kind: str, *, study_id: int | None = None, **request: Any
 ) -> JobInfo | None:
     """The newest job of this kind, of a study or whose request says this; None if there is none."""
     statement = select(Job).where(Job.kind == kind).order_by(Job.id.desc())
     if study_id is not None:
         statement = statement.where(Job.study_id == study_id)
-    with studio.database.read() as session:
-        for job in session.scalars(statement):
+    with app.database.read() as db:
+        for job in db.scalars(statement):
             if request.items() <= job.request.items():
                 return _info(job)
     return None
 
 
-def revive(studio: Studio) -> None:
+def revive(app: AppContext) -> None:
     """Begin what waits, and what fell silent, again."""
     since = utc_now() - SILENT_AFTER
-    with studio.database.read() as session:
-        found = session.scalars(
+    with app.database.read() as db:
+        found = db.scalars(
             select(Job)
             .where(
                 or_(
@@ -149,7 +149,7 @@ def revive(studio: Studio) -> None:
         )
         waiting = [_info(job) for job in found]
     for info in waiting:
-        _start(studio, info)
+        _start(app, info)
 
 
 def run(settings: Settings, public_id: str, work: Work) -> None:
@@ -168,27 +168,27 @@ def run(settings: Settings, public_id: str, work: Work) -> None:
         except Exception as error:
             log.exception("the job %s failed", public_id)
             state, message = FAILED, f"{error}" or type(error).__name__
-        with database.write() as session:
+        with database.write() as db:
             values: dict[str, Any] = {"state": state, "message": message, "ended_at": utc_now()}
             if state == DONE:
                 values["done"] = Job.total
-            session.execute(update(Job).where(Job.public_id == public_id).values(**values))
+            db.execute(update(Job).where(Job.public_id == public_id).values(**values))
     finally:
         stop.set()
         database.close()
 
 
-def _start(studio: Studio, info: JobInfo) -> None:
-    work = studio.works.get(info.kind)
+def _start(app: AppContext, info: JobInfo) -> None:
+    work = app.works.get(info.kind)
     if work is None:
         return
-    studio.background.as_job(
+    app.background.as_job(
         info.public_id,
         run,
-        studio.settings,
+        app.settings,
         info.public_id,
         work,
-        died=lambda code: process_died(studio.database, info.public_id, code),
+        died=lambda code: process_died(app.database, info.public_id, code),
     )
 
 
@@ -198,8 +198,8 @@ def take_up(database: Database, public_id: str, lost_after: timedelta = LOST_AFT
     For one that nobody else is told to do: whoever had it before has been given up. If it was at
     work all the same less than `lost_after` ago, JobInHandsError is raised.
     """
-    with database.write() as session:
-        job = session.scalar(select(Job).where(Job.public_id == public_id).with_for_update())
+    with database.write() as db:
+        job = db.scalar(select(Job).where(Job.public_id == public_id).with_for_update())
         if job is None or job.state in (DONE, FAILED):
             return None
         if job.state == RUNNING:
@@ -211,8 +211,8 @@ def take_up(database: Database, public_id: str, lost_after: timedelta = LOST_AFT
 
 def give_back(database: Database, public_id: str) -> None:
     """Let a job wait again, whose process was stopped."""
-    with database.write() as session:
-        session.execute(
+    with database.write() as db:
+        db.execute(
             update(Job)
             .where(Job.public_id == public_id, Job.state == RUNNING)
             .values(state=WAITING)
@@ -221,8 +221,8 @@ def give_back(database: Database, public_id: str) -> None:
 
 def fail(database: Database, public_id: str, message: str) -> None:
     """End a job that is not over, and say why."""
-    with database.write() as session:
-        session.execute(
+    with database.write() as db:
+        db.execute(
             update(Job)
             .where(Job.public_id == public_id, Job.state.in_((WAITING, RUNNING)))
             .values(state=FAILED, message=message, ended_at=utc_now())
@@ -240,8 +240,8 @@ def _claim(database: Database, public_id: str) -> Mapping[str, Any] | None:
         Job.state == WAITING,
         and_(Job.state == RUNNING, or_(Job.seen_at.is_(None), Job.seen_at < now - SILENT_AFTER)),
     )
-    with database.write() as session:
-        result = session.execute(
+    with database.write() as db:
+        result = db.execute(
             update(Job)
             .where(Job.public_id == public_id, is_free)
             .values(state=RUNNING, started_at=now, seen_at=now)
@@ -249,7 +249,7 @@ def _claim(database: Database, public_id: str) -> Mapping[str, Any] | None:
         assert isinstance(result, CursorResult)
         if result.rowcount == 0:
             return None
-        request: dict[str, Any] = session.scalars(
+        request: dict[str, Any] = db.scalars(
             select(Job.request).where(Job.public_id == public_id)
         ).one()
         return request
@@ -257,8 +257,8 @@ def _claim(database: Database, public_id: str) -> Mapping[str, Any] | None:
 
 def _beat(database: Database, public_id: str, stop: threading.Event) -> None:
     while not stop.wait(BEAT_S):
-        with database.write() as session:
-            session.execute(update(Job).where(Job.public_id == public_id).values(seen_at=utc_now()))
+        with database.write() as db:
+            db.execute(update(Job).where(Job.public_id == public_id).values(seen_at=utc_now()))
 
 
 class _Reporter:
@@ -274,8 +274,8 @@ class _Reporter:
         if now - self._written < _WRITE_EVERY_S:
             return
         self._written = now
-        with self._database.write() as session:
-            session.execute(
+        with self._database.write() as db:
+            db.execute(
                 update(Job)
                 .where(Job.public_id == self._public_id)
                 .values(done=min(done, total), total=total, seen_at=utc_now())

@@ -16,10 +16,9 @@ from pathlib import Path
 import httpx
 import jwt
 
+from app.services.runtime.errors import SignedLinkError
 from app.study import signed_links
 from app.study.signed_links import SignatureError
-
-from .errors import SignedLinkError
 
 log = logging.getLogger(__name__)
 

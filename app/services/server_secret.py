@@ -16,7 +16,7 @@ from sqlalchemy import select
 from sqlalchemy.exc import IntegrityError
 
 from app.storage.database import Database
-from app.storage.server_secrets import ServerSecret as Row
+from app.storage.models.server_secrets import ServerSecret as Row
 
 _BYTES = 32
 
@@ -34,8 +34,8 @@ class ServerSecret:
         if self._read() is not None:
             return
         try:
-            with self._database.write() as session:
-                session.add(Row(id=1, secret=secrets.token_bytes(_BYTES), created_at=now))
+            with self._database.write() as db:
+                db.add(Row(id=1, secret=secrets.token_bytes(_BYTES), created_at=now))
         except IntegrityError:
             # Another process has made it in the meantime: that one holds.
             pass
@@ -57,5 +57,5 @@ class ServerSecret:
         return self._secret
 
     def _read(self) -> bytes | None:
-        with self._database.read() as session:
-            return session.scalar(select(Row.secret))
+        with self._database.read() as db:
+            return db.scalar(select(Row.secret))

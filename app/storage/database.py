@@ -17,8 +17,8 @@ from sqlalchemy.exc import DataError
 from sqlalchemy.exc import TimeoutError as WaitedTooLongError
 from sqlalchemy.orm import Session, sessionmaker
 
-from . import clashes
-from .commits import commit
+from . import integrity_errors
+from .commit import commit
 
 #: How long a writer waits for another before it gives up, in milliseconds.
 SQLITE_BUSY_TIMEOUT_MS = 15_000
@@ -131,7 +131,7 @@ def _engine(url: str) -> Engine:
             hide_parameters=True,
         )
         event.listen(engine, "handle_error", _not_storable)
-        event.listen(engine, "handle_error", clashes.leave_out_the_row)
+        event.listen(engine, "handle_error", integrity_errors.leave_out_the_row)
         return engine
     # One connection per thread of the server's pool: a waiting reader never starves a response.
     engine = create_engine(url, pool_size=16, max_overflow=32, hide_parameters=True)

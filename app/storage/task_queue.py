@@ -13,9 +13,9 @@ from sqlalchemy.engine import make_url
 from sqlalchemy.orm import Session
 
 from .database import Database, given_up
-from .dumps import QUEUE_SCHEMA
-from .lost_tasks import Lost, take_back
-from .task_tables import FAULT, RUNNING, TASKS, WAITING, WORKERS, is_in, writing
+from .dump_restore import QUEUE_SCHEMA
+from .procrastinate_tables import FAULT, RUNNING, TASKS, WAITING, WORKERS, is_in, writing
+from .stalled_tasks import Lost, take_back
 
 #: What workers do, each kind in a queue of its own: nothing short waits behind what is long.
 RENDER, JOB, RETENTION = "render", "job", "retention"
@@ -94,8 +94,8 @@ class TaskQueue:
 
     def states(self, ids: Collection[int]) -> Mapping[int, State]:
         """How far those tasks are that have not been done: what is done is in the queue no more."""
-        with self._database.read() as session:
-            rows = session.execute(
+        with self._database.read() as db:
+            rows = db.execute(
                 select(TASKS.c.id, _STATUS, TASKS.c.args[FAULT].astext).where(TASKS.c.id.in_(ids))
             )
             return {row_id: State(status, fault) for row_id, status, fault in rows}
@@ -116,8 +116,8 @@ class TaskQueue:
 
     def count(self, name: str) -> tuple[int, int]:
         """How many tasks of this name wait, and how many run."""
-        with self._database.read() as session:
-            rows = session.execute(
+        with self._database.read() as db:
+            rows = db.execute(
                 select(_STATUS, func.count())
                 .where(TASKS.c.task_name == name, is_in(WAITING) | is_in(RUNNING))
                 .group_by(_STATUS)
@@ -128,16 +128,16 @@ class TaskQueue:
     def workers(self) -> int:
         """How many workers were heard of just now. Each is registered once for each queue."""
         since = func.now() - timedelta(seconds=GONE_AFTER_S)
-        with self._database.read() as session:
-            registered = session.scalar(
+        with self._database.read() as db:
+            registered = db.scalar(
                 select(func.count()).select_from(WORKERS).where(WORKERS.c.last_heartbeat > since)
             )
         return (registered or 0) // len(QUEUES)
 
 
-def _under_way(session: Session, task: Task) -> int | None:
+def _under_way(db: Session, task: Task) -> int | None:
     """The id of the task if it waits, moved up as far as it now has to be, or if it runs."""
-    moved_up = session.scalar(
+    moved_up = db.scalar(
         update(TASKS)
         .where(TASKS.c.queueing_lock == task.key, is_in(WAITING))
         .values(priority=func.greatest(TASKS.c.priority, task.priority))
@@ -145,7 +145,5 @@ def _under_way(session: Session, task: Task) -> int | None:
     )
     if moved_up is not None:
         return int(moved_up)
-    running = session.scalar(
-        select(TASKS.c.id).where(TASKS.c.queueing_lock == task.key, is_in(RUNNING))
-    )
+    running = db.scalar(select(TASKS.c.id).where(TASKS.c.queueing_lock == task.key, is_in(RUNNING)))
     return None if running is None else int(running)

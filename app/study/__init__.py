@@ -3,18 +3,12 @@
 Pure: no web, no database, no clock; a study folder is read from disk, and nothing else is.
 """
 
-from app.study.assignment import (
-    choose_order,
-    orders,
-    plan_orders,
-    sample_familiarisation,
-    trial_conditions,
-)
-from app.study.consistency import METHODS, Method
-from app.study.faults import Fault, StudyFaults
-from app.study.folder import SHIPPED, TEXT_NAMES, StudyFolder, UnknownStudyError, load, resolve
-from app.study.plan import Condition, Environment, Parameter, Plan, plan_hash
-from app.study.protocol import (
+from .assignment import choose_order, orders, plan_orders, sample_familiarisation, trial_conditions
+from .folder import SHIPPED, TEXT_NAMES, StudyFolder, UnknownStudyError, load, resolve
+from .markdown import consent_version, render
+from .plan import Condition, Environment, Parameter, Plan, plan_hash
+from .plan_validation import METHODS, Method
+from .protocol import (
     Answered,
     BreakNotOver,
     Consented,
@@ -34,11 +28,11 @@ from app.study.protocol import (
     advance,
     position,
 )
-from app.study.questionnaire import AnswerFault, Item, Questionnaires, read_answers
-from app.study.recordings import RecordingRow
-from app.study.scaffold import FolderNotEmptyError, init
-from app.study.stages import Device, DeviceCheck
-from app.study.texts import consent_version, render
+from .questionnaire import AnswerFault, Item, Questionnaires, read_answers
+from .recordings import RecordingRow
+from .scaffold import FolderNotEmptyError, init
+from .stage_settings import Device, DeviceCheck
+from .validation_errors import Fault, StudyFaults
 
 __all__ = [
     "METHODS",

@@ -9,7 +9,7 @@ from collections.abc import Collection, Sequence
 
 import numpy as np
 
-from app.study.plan import Plan
+from .plan import Plan
 
 
 def orders(n: int) -> tuple[tuple[int, ...], ...]:

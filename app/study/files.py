@@ -2,7 +2,7 @@
 
 from pathlib import Path, PurePosixPath
 
-from app.study.faults import UnreadableFileError
+from .validation_errors import UnreadableFileError
 
 #: A table of 20,000 videos takes a tenth of it.
 LONGEST_TEXT = 20_000_000

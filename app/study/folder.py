@@ -6,16 +6,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
 
-from app.study.consistency import parameter_names
-from app.study.faults import Fault, StudyFaults, UnreadableFileError
-from app.study.files import is_file, misplaced, read_text
-from app.study.known import missing_for_checks
-from app.study.plain import Inconsistency
-from app.study.plan import LANGUAGE_PATTERN, Plan
-from app.study.plan_source import STUDY_FILE, PlanReading, SettingsCheck, read_plan
-from app.study.recordings import RecordingRow, RecordingsReader, candidates_of
-from app.study.texts import placeholders
-from app.video.decoding import Decoder
+from app.video.decoder_client import Decoder
+
+from .attention_candidates import missing_for_checks
+from .files import is_file, misplaced, read_text
+from .markdown import placeholders
+from .parsed_plan import Inconsistency
+from .plan import LANGUAGE_PATTERN, Plan
+from .plan_source import STUDY_FILE, PlanReading, SettingsCheck, read_plan
+from .plan_validation import parameter_names
+from .recordings import RecordingRow, RecordingsReader, candidates_of
+from .validation_errors import Fault, StudyFaults, UnreadableFileError
 
 TEXT_NAMES = ("consent", "instructions", "debrief")
 #: Shown before the consent where a study has it; then it has it in every language.

@@ -22,16 +22,16 @@ from pydantic import (
 )
 from pydantic_core import PydanticCustomError
 
-from app.study.checks import Checks, number
-from app.study.comparing import QueryPage, Skip
-from app.study.consistency import CRANE, METHODS, inconsistencies
-from app.study.part import ONE_OR_MORE_TEXTS, LocalText, Part
-from app.study.questionnaire import Item, Questionnaires
-from app.study.recordings import RecordingRow
-from app.study.recruitment import Recruitment
-from app.study.retention import Retention
-from app.study.reward import Reward
-from app.study.stages import DeviceCheck, Familiarisation, Practice, Resume
+from .attention_checks import Checks, number
+from .plan_model import ONE_OR_MORE_TEXTS, LocalText, Part
+from .plan_validation import CRANE, METHODS, inconsistencies
+from .query_settings import QueryPage, Skip
+from .questionnaire import Item, Questionnaires
+from .recordings import RecordingRow
+from .recruitment import Recruitment
+from .retention import Retention
+from .reward import Reward
+from .stage_settings import DeviceCheck, Familiarisation, Practice, Resume
 
 # These name folders as well, so they hold nothing that leads elsewhere.
 LANGUAGE_PATTERN = r"^[a-z]{2,3}(-[A-Za-z0-9]{2,8})*$"

@@ -14,12 +14,12 @@ from typing import Any, get_args
 
 from ruamel.yaml.comments import CommentedMap
 
-from app.study import numbers
-from app.study.consistency import METHODS
-from app.study.plain import as_list, as_mapping
-from app.study.recruitment import Outcome
-from app.study.yaml_edit import edited, leave_out, put
-from app.study.yaml_source import read_yaml
+from . import numbers
+from .parsed_plan import as_list, as_mapping
+from .plan_validation import METHODS
+from .recruitment import Outcome
+from .yaml_edit import edited, leave_out, put
+from .yaml_source import read_yaml
 
 #: Field -> key of the plan, for those that hold one value.
 SINGLE = {

@@ -9,11 +9,11 @@ from typing import Any, get_args
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
-from app.study.consistency import inconsistencies
-from app.study.faults import Fault
-from app.study.plain import Place, path_text
-from app.study.plan import Plan
-from app.study.yaml_source import YamlSource, YamlSyntaxError, read_yaml
+from .parsed_plan import Place, path_text
+from .plan import Plan
+from .plan_validation import inconsistencies
+from .validation_errors import Fault
+from .yaml_source import YamlSource, YamlSyntaxError, read_yaml
 
 STUDY_FILE = "study.yaml"
 LONGEST_VALUE_SHOWN = 60

@@ -10,9 +10,9 @@ from datetime import datetime, timedelta
 from enum import StrEnum
 from typing import Self, TypedDict
 
-from app.study.plan import Plan
-from app.study.stages import Device
-from app.study.time_left import seconds_left
+from .plan import Plan
+from .stage_settings import Device
+from .time_left import seconds_left
 
 
 class Stage(StrEnum):

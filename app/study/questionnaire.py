@@ -7,10 +7,10 @@ from typing import Annotated, Literal
 
 from pydantic import Field, StrictBool, StrictInt, StrictStr
 
-from app.study import numbers
-from app.study.numbers import Doubtful
-from app.study.part import ONE_OR_MORE_TEXTS, LocalText, Part
-from app.study.plain import Inconsistency, Place, all_languages, as_list, as_mapping, repeats
+from . import numbers
+from .numbers import Doubtful
+from .parsed_plan import Inconsistency, Place, all_languages, as_list, as_mapping, repeats
+from .plan_model import ONE_OR_MORE_TEXTS, LocalText, Part
 
 DEFAULT_POINTS = 5
 LONGEST_TEXT = 2_000

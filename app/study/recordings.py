@@ -15,13 +15,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from app.study import numbers
-from app.study.faults import Fault, UnreadableFileError
-from app.study.files import is_file, misplaced, read_text, within
-from app.study.looking import look
-from app.study.numbers import Doubtful
-from app.video.decoding import Decoder
-from app.video.facts import UnreadableVideoError
+from app.video.decoder_client import Decoder
+from app.video.video_info import UnreadableVideoError
+
+from . import numbers
+from .files import is_file, misplaced, read_text, within
+from .numbers import Doubtful
+from .validation_errors import Fault, UnreadableFileError
+from .video_probe import look
 
 FILE_COLUMN = "file"
 SCORE_COLUMN = "score"

@@ -8,15 +8,15 @@ completion address, given the survey code; Mechanical Turk takes a form at `exte
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 from urllib.parse import parse_qsl, quote, urlencode, urlsplit, urlunsplit
 
 from pydantic import Field, StrictBool, StrictStr, StringConstraints
 
-from app.study import identifiers
-from app.study.identifiers import Given
-from app.study.part import Part
-from app.study.plain import Inconsistency, as_mapping
+from . import identifiers
+from .identifiers import Given
+from .parsed_plan import Inconsistency, as_mapping
+from .plan_model import Part
 
 NO_PLATFORM = "none"
 
@@ -260,3 +260,20 @@ def _submit_address(turk_submit_to: str) -> str | None:
     except ValueError:
         return None
     return f"https://{parts.netloc}/mturk/externalSubmit" if is_its_own else None
+
+
+def described(
+    recruitment: Recruitment, outcome: Outcome, ids: Mapping[str, str] | None = None
+) -> dict[str, Any] | None:
+    """The code and the way back as a page and the API say it; None if there is neither."""
+    found = way_back(recruitment, outcome, ids or {})
+    if found is None:
+        return None
+    described: dict[str, Any] = {
+        "code": found.code,
+        "url": found.url,
+        "platform": recruitment.label,
+    }
+    if found.fields:
+        described["fields"] = dict(found.fields)
+    return described

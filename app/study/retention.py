@@ -6,8 +6,8 @@ from datetime import datetime, timedelta
 
 from pydantic import Field, StrictInt
 
-from app.study.part import Part
-from app.study.plain import Inconsistency, as_mapping
+from .parsed_plan import Inconsistency, as_mapping
+from .plan_model import Part
 
 _DAYS = "a whole number of days from 1 to 36500"
 

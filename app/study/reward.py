@@ -4,7 +4,7 @@ from typing import Annotated
 
 from pydantic import Field, StrictStr
 
-from app.study.part import Part
+from .plan_model import Part
 
 
 class Reward(Part):

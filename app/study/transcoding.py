@@ -8,11 +8,12 @@ from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 
-from app.study.faults import UnreadableFileError
-from app.study.files import is_file, misplaced, read_text, within
-from app.study.recordings import FILE_COLUMN
-from app.video.decoding import Decoder
-from app.video.facts import UnreadableVideoError
+from app.video.decoder_client import Decoder
+from app.video.video_info import UnreadableVideoError
+
+from .files import is_file, misplaced, read_text, within
+from .recordings import FILE_COLUMN
+from .validation_errors import UnreadableFileError
 
 #: Told how many seconds of how many are done.
 Report = Callable[[int, int], None]

@@ -11,7 +11,7 @@ from ruamel.yaml.comments import CommentedMap, CommentedSeq
 from ruamel.yaml.error import YAMLError
 from ruamel.yaml.scalarstring import DoubleQuotedScalarString
 
-from app.study.yaml_source import YamlSyntaxError, read_yaml
+from .yaml_source import YamlSyntaxError, read_yaml
 
 #: Wider than any line that a person writes: a line is never broken for its length.
 _WIDTH = 100_000

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 
 import yaml
 
-from app.study.plain import Place, path_text
+from .parsed_plan import Place, path_text
 
 # PyYAML's composer calls itself for every level: deeper than this is no study, and would exhaust
 # the stack.

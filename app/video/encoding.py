@@ -10,8 +10,8 @@ import av
 from av.container import OutputContainer
 from av.video.stream import VideoStream
 
-from .facts import VIDEO_FORMATS, UnreadableVideoError, part_of
 from .limits import threads
+from .video_info import VIDEO_FORMATS, UnreadableVideoError, part_of
 
 #: Two of them fill a wide screen.
 WIDEST_PX = 1280

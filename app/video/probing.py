@@ -9,8 +9,8 @@ import av
 from av.container import InputContainer
 from av.video.stream import VideoStream
 
-from .facts import VIDEO_FORMATS, UnreadableVideoError, Video
 from .limits import threads
+from .video_info import VIDEO_FORMATS, UnreadableVideoError, Video
 
 #: A larger picture or a longer video is a slip, or meant to use the memory and the time up.
 MOST_PIXELS = 50_000_000

@@ -14,8 +14,8 @@ from pathlib import Path
 
 import av
 
-from .facts import VIDEO_FORMATS, UnreadableVideoError, part_of
 from .probing import container_of
+from .video_info import VIDEO_FORMATS, UnreadableVideoError, part_of
 
 #: No name of a program, no time and no random number is written; an MP4's index comes first.
 _OPTIONS = {

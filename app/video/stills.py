@@ -8,7 +8,7 @@ from pathlib import Path
 import av
 from PIL import Image
 
-from .facts import VIDEO_FORMATS, UnreadableVideoError
+from .video_info import VIDEO_FORMATS, UnreadableVideoError
 
 #: Longest side, in pixels.
 _SIZE_PX = 640

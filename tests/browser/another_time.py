@@ -7,14 +7,14 @@ from datetime import UTC, datetime, timedelta
 from functools import partial
 
 from app import cli
-from app.commands import asking
-from app.services.studio import open_studio
+from app.commands import options
+from app.services.bootstrap import open_app
 
 
 def main() -> None:
     ahead = timedelta(hours=float(sys.argv.pop(1)))
     # The clock comes into the studio in this one place.
-    asking.__dict__["open_studio"] = partial(open_studio, now=lambda: datetime.now(UTC) + ahead)
+    options.__dict__["open_studio"] = partial(open_app, now=lambda: datetime.now(UTC) + ahead)
     cli.main()
 
 

@@ -10,9 +10,9 @@ import numpy as np
 from sqlalchemy import insert, select
 
 from app.pbbo import ENGINE_VERSION
-from app.services.studies import StudyInfo
-from app.services.studio import Studio
-from app.storage.tables import (
+from app.services.context import AppContext
+from app.services.studies.repository import StudyInfo
+from app.storage.models.studies import (
     Acquired,
     Candidate,
     Event,
@@ -30,13 +30,13 @@ STAGES = ("completed",) * 7 + ("query", "withdrawn", "consent")
 MINUTES_PER_SESSION = 38
 
 
-def fill(studio: Studio, study: StudyInfo, sessions: int, seed: int = 1) -> None:
+def fill(app: AppContext, study: StudyInfo, sessions: int, seed: int = 1) -> None:
     """Sessions of every condition in turn, each with all its queries unless it ends before."""
     rng = np.random.default_rng(seed)
-    with studio.database.write() as session:
+    with app.database.write() as db:
         clips: dict[str, dict[int, list[int]]] = {}
         scores: dict[str, dict[int, float]] = {}
-        for environment, index, recording, score in session.execute(
+        for environment, index, recording, score in db.execute(
             select(Candidate.environment, Candidate.candidate_index, Recording.id, Recording.score)
             .join(Recording, Recording.candidate_id == Candidate.id)
             .where(Candidate.study_id == study.id)
@@ -57,14 +57,14 @@ def fill(studio: Studio, study: StudyInfo, sessions: int, seed: int = 1) -> None
             )
         }
         for number in range(1, sessions + 1):
-            _one(studio, study, number, rng, clips, scores, made)
+            _one(app, study, number, rng, clips, scores, made)
         for kind, rows in made.items():
             for at in range(0, len(rows), 5_000):
-                session.execute(insert(kind), rows[at : at + 5_000])
+                db.execute(insert(kind), rows[at : at + 5_000])
 
 
 def _one(
-    studio: Studio,
+    app: AppContext,
     study: StudyInfo,
     number: int,
     rng: np.random.Generator,
@@ -74,7 +74,7 @@ def _one(
 ) -> None:
     plan = study.plan
     stage = STAGES[number % len(STAGES)]
-    started = studio.now() - timedelta(minutes=MINUTES_PER_SESSION + 9 * number)
+    started = app.now() - timedelta(minutes=MINUTES_PER_SESSION + 9 * number)
     ended = started + timedelta(minutes=MINUTES_PER_SESSION + float(rng.normal(0, 5)))
     order = [(number + place) % plan.trials for place in range(plan.trials)]
     order = [place // plan.trials_per_condition for place in order]
@@ -103,7 +103,7 @@ def _one(
             "consented_at": None if stage == "consent" else started,
             "watched": [],
             "started_at": started,
-            "last_seen_at": ended if stage == "completed" else studio.now(),
+            "last_seen_at": ended if stage == "completed" else app.now(),
             "ended_at": ended if stage in ("completed", "withdrawn") else None,
             "expires_at": started + timedelta(days=14),
         }

@@ -10,9 +10,10 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Browser, BrowserContext, Page, Playwright, expect, sync_playwright
 
-from app.services import accounts, studies
-from app.services.settings import Settings
-from app.services.studio import open_studio
+from app.services.accounts import accounts
+from app.services.bootstrap import open_app
+from app.services.runtime.settings import Settings
+from app.services.studies import repository
 from tests.conftest import SHORT_PLAN, write_study
 
 from .forked import ForkedServer
@@ -86,11 +87,13 @@ def page(context: BrowserContext) -> Page:
 def server(tmp_path: Path, media_dir: Path) -> Iterator[Server]:
     """A server with one open study and one experimenter."""
     data_dir = tmp_path / "data"
-    studio = open_studio(Settings(data_dir=data_dir, media_dir=media_dir))
-    studies.create(studio, studies.load_folder(str(write_study(tmp_path / "study", BROWSER_PLAN))))
-    studies.open_study(studio, "short")
-    accounts.create(studio, EMAIL, PASSWORD)
-    studio.close()
+    app = open_app(Settings(data_dir=data_dir, media_dir=media_dir))
+    repository.create(
+        app, repository.load_folder(str(write_study(tmp_path / "study", BROWSER_PLAN)))
+    )
+    repository.open_study(app, "short")
+    accounts.create(app, EMAIL, PASSWORD)
+    app.close()
     server = ForkedServer(data_dir, media_dir)
     server.start()
     yield server
@@ -107,11 +110,11 @@ def serve(tmp_path: Path, media_dir: Path) -> Iterator[Callable[..., Server]]:
 
     def start(plan: str, **more: int) -> Server:
         data_dir = tmp_path / "data"
-        studio = open_studio(Settings(data_dir=data_dir, media_dir=media_dir))
-        folder = studies.load_folder(str(write_small_study(tmp_path / "study", plan, **more)))
-        studies.create(studio, folder)
-        studies.open_study(studio, folder.plan.slug)
-        studio.close()
+        app = open_app(Settings(data_dir=data_dir, media_dir=media_dir))
+        folder = repository.load_folder(str(write_small_study(tmp_path / "study", plan, **more)))
+        repository.create(app, folder)
+        repository.open_study(app, folder.plan.slug)
+        app.close()
         servers.append(ForkedServer(data_dir, media_dir))
         servers[-1].start()
         return servers[-1]

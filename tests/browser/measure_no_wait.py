@@ -21,9 +21,9 @@ from pathlib import Path
 import numpy as np
 from playwright.sync_api import BrowserContext, Page, sync_playwright
 
-from app.services import studies
-from app.services.settings import Settings
-from app.services.studio import open_studio
+from app.services.bootstrap import open_app
+from app.services.runtime.settings import Settings
+from app.services.studies import repository
 from app.study.folder import resolve
 
 from .conftest import ARGUMENTS, chromium
@@ -150,10 +150,10 @@ def _server(folder: Path, media_dir: Path) -> Server:
     shutil.copytree(resolve(STUDY), study)
     plan = study / "study.yaml"
     plan.write_text(plan.read_text(encoding="utf-8").replace("break_s: 120", "break_s: 1"))
-    studio = open_studio(Settings(data_dir=folder / "data", media_dir=media_dir))
-    studies.create(studio, studies.load_folder(str(study)))
-    studies.open_study(studio, STUDY)
-    studio.close()
+    app = open_app(Settings(data_dir=folder / "data", media_dir=media_dir))
+    repository.create(app, repository.load_folder(str(study)))
+    repository.open_study(app, STUDY)
+    app.close()
     return Server(folder / "data", media_dir)
 
 

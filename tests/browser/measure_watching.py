@@ -14,9 +14,10 @@ from pathlib import Path
 
 from playwright.sync_api import Page, sync_playwright
 
-from app.services import accounts, studies
-from app.services.settings import Settings
-from app.services.studio import open_studio
+from app.services.accounts import accounts
+from app.services.bootstrap import open_app
+from app.services.runtime.settings import Settings
+from app.services.studies import repository
 
 from .big_study import fill
 from .conftest import ARGUMENTS, EMAIL, PASSWORD, chromium
@@ -49,12 +50,12 @@ def main() -> None:
     asked = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         settings = Settings(data_dir=Path(folder) / "data", media_dir=Path(folder) / "media")
-        studio = open_studio(settings)
-        studies.create(studio, studies.load_folder(STUDY))
-        studies.open_study(studio, STUDY)
-        fill(studio, studies.find(studio, STUDY), asked.sessions)
-        accounts.create(studio, EMAIL, PASSWORD)
-        studio.close()
+        app = open_app(settings)
+        repository.create(app, repository.load_folder(STUDY))
+        repository.open_study(app, STUDY)
+        fill(app, repository.find(app, STUDY), asked.sessions)
+        accounts.create(app, EMAIL, PASSWORD)
+        app.close()
         server = Server(settings.data_dir, settings.media_dir)
         server.start()
         try:

@@ -18,9 +18,9 @@ import yaml
 from PIL import Image
 from playwright.sync_api import Browser, Page, expect, sync_playwright
 
-from app.services import studies
-from app.services.settings import Settings
-from app.services.studio import open_studio
+from app.services.bootstrap import open_app
+from app.services.runtime.settings import Settings
+from app.services.studies import repository
 from app.study.folder import resolve
 
 from .conftest import ARGUMENTS, chromium
@@ -108,7 +108,7 @@ def main() -> None:
 
 
 def _server(folder: Path, media_dir: Path) -> Server:
-    studio = open_studio(Settings(data_dir=folder / "data", media_dir=media_dir))
+    app = open_app(Settings(data_dir=folder / "data", media_dir=media_dir))
     for slug, changes in (
         (STUDY, ADDED),
         (
@@ -130,9 +130,9 @@ def _server(folder: Path, media_dir: Path) -> Server:
             plan["conditions"] = plan["conditions"][:2]
         plan = {key: value for key, value in plan.items() if value is not None}
         plan_file.write_text(yaml.safe_dump(plan, allow_unicode=True), encoding="utf-8")
-        studies.create(studio, studies.load_folder(str(folder / slug)))
-        studies.open_study(studio, slug)
-    studio.close()
+        repository.create(app, repository.load_folder(str(folder / slug)))
+        repository.open_study(app, slug)
+    app.close()
     return Server(folder / "data", media_dir)
 
 

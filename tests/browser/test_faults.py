@@ -4,22 +4,22 @@ from __future__ import annotations
 
 from playwright.sync_api import BrowserContext, Page, Route, expect
 
-from app.services.settings import Settings
-from app.services.studio import open_studio
-from app.storage.tables import QueryRow, Response
+from app.services.bootstrap import open_app
+from app.services.runtime.settings import Settings
+from app.storage.models.studies import QueryRow, Response
 
 from .evaluator import answer, enter, query_on_screen, watch
 from .server import Server
 
 
 def stored_responses(server: Server) -> list[str]:
-    studio = open_studio(Settings(data_dir=server.data_dir, media_dir=server.media_dir))
+    app = open_app(Settings(data_dir=server.data_dir, media_dir=server.media_dir))
     try:
-        with studio.database.read() as session:
-            rows = session.query(Response.response).join(QueryRow).order_by(QueryRow.id)
+        with app.database.read() as db:
+            rows = db.query(Response.response).join(QueryRow).order_by(QueryRow.id)
             return [response for (response,) in rows]
     finally:
-        studio.close()
+        app.close()
 
 
 def test_a_killed_server_brings_the_evaluator_back_to_the_very_query(

@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Page, expect
 
-from app.services import accounts
-from app.services.settings import Settings
-from app.services.studio import open_studio
+from app.services.accounts import accounts
+from app.services.bootstrap import open_app
+from app.services.runtime.settings import Settings
 from tests.functional.desk import zipped
 
 from .conftest import EMAIL, PASSWORD
@@ -33,9 +33,9 @@ PICTURES = os.environ.get("PBPO_TEST_PICTURES")
 def empty_server(tmp_path: Path, media_dir: Path) -> Iterator[Server]:
     """A server with an experimenter and no study."""
     data_dir = tmp_path / "data"
-    studio = open_studio(Settings(data_dir=data_dir, media_dir=media_dir))
-    accounts.create(studio, EMAIL, PASSWORD)
-    studio.close()
+    app = open_app(Settings(data_dir=data_dir, media_dir=media_dir))
+    accounts.create(app, EMAIL, PASSWORD)
+    app.close()
     server = ForkedServer(data_dir, media_dir)
     server.start()
     yield server

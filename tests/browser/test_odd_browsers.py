@@ -7,9 +7,9 @@ from collections.abc import Callable
 import pytest
 from playwright.sync_api import BrowserContext, Page, expect
 
-from app.services.settings import Settings
-from app.services.studio import open_studio
-from app.storage.tables import Response
+from app.services.bootstrap import open_app
+from app.services.runtime.settings import Settings
+from app.storage.models.studies import Response
 
 from .evaluator import answer, enter_small, watch
 from .server import Server
@@ -46,12 +46,12 @@ NO_STORAGE = """(() => {
 
 
 def reaction_times_s(server: Server) -> list[float]:
-    studio = open_studio(Settings(data_dir=server.data_dir, media_dir=server.media_dir))
+    app = open_app(Settings(data_dir=server.data_dir, media_dir=server.media_dir))
     try:
-        with studio.database.read() as session:
-            return [(row.rt_ms or 0.0) / 1000 for row in session.query(Response)]
+        with app.database.read() as db:
+            return [(row.rt_ms or 0.0) / 1000 for row in db.query(Response)]
     finally:
-        studio.close()
+        app.close()
 
 
 def seconds_left(page: Page) -> int:

@@ -7,9 +7,9 @@ from collections.abc import Callable
 import pytest
 from playwright.sync_api import Browser, BrowserContext, Page, Route, expect
 
-from app.services.settings import Settings
-from app.services.studio import open_studio
-from app.storage.tables import Event, Response
+from app.services.bootstrap import open_app
+from app.services.runtime.settings import Settings
+from app.storage.models.studies import Event, Response
 
 from .evaluator import answer, enter_small, watch
 from .server import Server
@@ -76,21 +76,21 @@ MANY = SMALL_PLAN.replace("queries_per_trial: 4", f"queries_per_trial: {len(FEAT
 
 
 def stored_events(server: Server) -> list[str]:
-    studio = open_studio(Settings(data_dir=server.data_dir, media_dir=server.media_dir))
+    app = open_app(Settings(data_dir=server.data_dir, media_dir=server.media_dir))
     try:
-        with studio.database.read() as session:
-            return [row.event for row in session.query(Event).order_by(Event.id)]
+        with app.database.read() as db:
+            return [row.event for row in db.query(Event).order_by(Event.id)]
     finally:
-        studio.close()
+        app.close()
 
 
 def times(server: Server) -> list[float | None]:
-    studio = open_studio(Settings(data_dir=server.data_dir, media_dir=server.media_dir))
+    app = open_app(Settings(data_dir=server.data_dir, media_dir=server.media_dir))
     try:
-        with studio.database.read() as session:
-            return [row.rt_ms for row in session.query(Response).order_by(Response.id)]
+        with app.database.read() as db:
+            return [row.rt_ms for row in db.query(Response).order_by(Response.id)]
     finally:
-        studio.close()
+        app.close()
 
 
 def test_whatever_a_browser_lacks_an_answer_is_stored(

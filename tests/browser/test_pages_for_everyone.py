@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Page, expect
 
-from app.services import revision, studies
-from app.services.settings import Settings
-from app.services.studio import open_studio
-from app.storage.tables import SessionRow
+from app.services.bootstrap import open_app
+from app.services.runtime.settings import Settings
+from app.services.studies import repository, revision
+from app.storage.models.studies import SessionRow
 
 from .evaluator import enter_small
 from .for_everyone import violations
@@ -47,10 +47,10 @@ def test_left_for_too_long(page: Page, serve: Serve) -> None:
     server = serve(SMALL_PLAN + AN_HOUR)
     page.goto(f"{server.url}/s/small")
     page.get_by_test_id("consent").click()
-    studio = open_studio(Settings(data_dir=server.data_dir, media_dir=server.media_dir))
-    with studio.database.write() as session:
-        session.query(SessionRow).one().last_seen_at -= timedelta(hours=1)
-    studio.close()
+    app = open_app(Settings(data_dir=server.data_dir, media_dir=server.media_dir))
+    with app.database.write() as db:
+        db.query(SessionRow).one().last_seen_at -= timedelta(hours=1)
+    app.close()
     page.reload()
     expect_readable(page, "You were away for too long")
 
@@ -71,9 +71,9 @@ def test_a_consent_that_is_asked_again(page: Page, serve: Serve, tmp_path: Path)
     enter_small(page, f"{server.url}/s/small")
     folder = tmp_path / "study"
     (folder / "texts" / "en" / "consent.md").write_text("Answers are kept for ten years.\n")
-    studio = open_studio(Settings(data_dir=server.data_dir, media_dir=server.media_dir))
-    revision.revise(studio, studies.load_folder(str(folder)))
-    studio.close()
+    app = open_app(Settings(data_dir=server.data_dir, media_dir=server.media_dir))
+    revision.revise(app, repository.load_folder(str(folder)))
+    app.close()
     page.reload()
     expect(page.get_by_text("This text has changed since you agreed to it.")).to_be_visible()
     expect_readable(page, "Before you take part")

@@ -7,9 +7,9 @@ from collections.abc import Callable
 import pytest
 from playwright.sync_api import Page, expect
 
-from app.services.settings import Settings
-from app.services.studio import open_studio
-from app.storage.tables import Event, Response
+from app.services.bootstrap import open_app
+from app.services.runtime.settings import Settings
+from app.storage.models.studies import Event, Response
 
 from .evaluator import answer, enter_small, watch
 from .for_everyone import violations
@@ -27,23 +27,23 @@ Serve = Callable[[str], Server]
 
 
 def responses(server: Server) -> list[tuple[str, str | None]]:
-    studio = open_studio(Settings(data_dir=server.data_dir, media_dir=server.media_dir))
+    app = open_app(Settings(data_dir=server.data_dir, media_dir=server.media_dir))
     try:
-        with studio.database.read() as session:
-            rows = session.query(Response).order_by(Response.id)
+        with app.database.read() as db:
+            rows = db.query(Response).order_by(Response.id)
             return [(row.response, row.skip_reason) for row in rows]
     finally:
-        studio.close()
+        app.close()
 
 
 def enlarged_events(server: Server) -> list[str | None]:
-    studio = open_studio(Settings(data_dir=server.data_dir, media_dir=server.media_dir))
+    app = open_app(Settings(data_dir=server.data_dir, media_dir=server.media_dir))
     try:
-        with studio.database.read() as session:
-            rows = session.query(Event).filter_by(event="fullscreen").order_by(Event.id)
+        with app.database.read() as db:
+            rows = db.query(Event).filter_by(event="fullscreen").order_by(Event.id)
             return [row.value for row in rows]
     finally:
-        studio.close()
+        app.close()
 
 
 def at_query(page: Page, number: int) -> None:

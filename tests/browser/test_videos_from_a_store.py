@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Page, expect
 
-from app.services import studies
-from app.services.settings import Settings
-from app.services.studio import open_studio
+from app.services.bootstrap import open_app
+from app.services.runtime.settings import Settings
+from app.services.studies import repository
 from tests.s3_server import BUCKET, KEY, SECRET, S3Server
 
 from .evaluator import answer, enter_small, watch
@@ -51,11 +51,11 @@ def server(
     with pytest.MonkeyPatch.context() as patch:
         for name, value in {**where, **keys}.items():
             patch.setenv(name, value)
-        studio = open_studio(Settings(data_dir=server.data_dir, media_dir=media_dir))
-        study = studies.load_folder(str(write_small_study(folder / "study", PLAN)))
-        studies.create(studio, study)
-        studies.open_study(studio, "small")
-        studio.close()
+        app = open_app(Settings(data_dir=server.data_dir, media_dir=media_dir))
+        study = repository.load_folder(str(write_small_study(folder / "study", PLAN)))
+        repository.create(app, study)
+        repository.open_study(app, "small")
+        app.close()
     server.start()
     yield server
     server.kill()

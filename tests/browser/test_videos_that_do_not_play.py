@@ -6,9 +6,9 @@ from collections.abc import Callable
 
 from playwright.sync_api import Page, expect
 
-from app.services.settings import Settings
-from app.services.studio import open_studio
-from app.storage.tables import Event, QueryRow, Response
+from app.services.bootstrap import open_app
+from app.services.runtime.settings import Settings
+from app.storage.models.studies import Event, QueryRow, Response
 
 from .evaluator import FIRST_FRAME_MS, answer, enter, enter_small, query_on_screen, watch
 from .server import Server
@@ -20,17 +20,17 @@ SLOW_BYTES_PER_S = 12_000
 
 def stored(server: Server) -> tuple[list[tuple[int, str | None]], list[str], list[str]]:
     """Each query with its place and fault, the responses, and the names of the events."""
-    studio = open_studio(Settings(data_dir=server.data_dir, media_dir=server.media_dir))
+    app = open_app(Settings(data_dir=server.data_dir, media_dir=server.media_dir))
     try:
-        with studio.database.read() as session:
-            queries = session.query(QueryRow).order_by(QueryRow.id)
+        with app.database.read() as db:
+            queries = db.query(QueryRow).order_by(QueryRow.id)
             return (
                 [(query.query_index, query.fault) for query in queries],
-                [response.response for response in session.query(Response)],
-                [event.event for event in session.query(Event).order_by(Event.id)],
+                [response.response for response in db.query(Response)],
+                [event.event for event in db.query(Event).order_by(Event.id)],
             )
     finally:
-        studio.close()
+        app.close()
 
 
 def test_a_pair_that_is_said_not_to_play_is_replaced_and_the_place_stays(

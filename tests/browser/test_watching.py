@@ -8,9 +8,10 @@ from collections.abc import Callable
 import pytest
 from playwright.sync_api import Browser, Page, expect
 
-from app.services import accounts, studies
-from app.services.settings import Settings
-from app.services.studio import open_studio
+from app.services.accounts import accounts
+from app.services.bootstrap import open_app
+from app.services.runtime.settings import Settings
+from app.services.studies import repository
 
 from .big_study import fill
 from .conftest import EMAIL, PASSWORD
@@ -26,11 +27,11 @@ MOST_SECONDS_TO_STOP = 8.0
 
 
 def put_sessions_and_account(server: Server, sessions: int) -> None:
-    studio = open_studio(Settings(data_dir=server.data_dir, media_dir=server.media_dir))
-    accounts.create(studio, EMAIL, PASSWORD)
+    app = open_app(Settings(data_dir=server.data_dir, media_dir=server.media_dir))
+    accounts.create(app, EMAIL, PASSWORD)
     if sessions:
-        fill(studio, studies.find(studio, "small"), sessions)
-    studio.close()
+        fill(app, repository.find(app, "small"), sessions)
+    app.close()
 
 
 def sign_in(page: Page, server: Server) -> None:

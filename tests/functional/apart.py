@@ -10,11 +10,13 @@ from typing import Any
 import pytest
 from pydantic import SecretStr
 
-from app.services import accounts, studies
-from app.services.accounts import Experimenter
-from app.services.recordings import make_video
-from app.services.settings import Settings
-from app.services.studio import Studio, open_studio
+from app.services.accounts import accounts
+from app.services.accounts.accounts import Principal
+from app.services.bootstrap import open_app
+from app.services.context import AppContext
+from app.services.recordings.recordings import make_video
+from app.services.runtime.settings import Settings
+from app.services.studies import repository
 from app.simulation import JOBS
 from app.storage.task_queue import RENDER, TaskQueue
 from tests.databases import Databases, PostgresServer
@@ -43,36 +45,36 @@ def settings(server: PostgresServer, tmp_path: Path) -> Settings:
 
 
 @pytest.fixture
-def studio(settings: Settings) -> Iterator[Studio]:
+def app(settings: Settings) -> Iterator[AppContext]:
     """That of a server."""
-    studio = open_studio(settings, works=JOBS)
-    yield studio
-    studio.close()
+    app = open_app(settings, works=JOBS)
+    yield app
+    app.close()
 
 
 @pytest.fixture
-def queue(studio: Studio) -> TaskQueue:
-    return TaskQueue(studio.database)
+def queue(app: AppContext) -> TaskQueue:
+    return TaskQueue(app.database)
 
 
 @pytest.fixture
-def somebody(studio: Studio) -> Experimenter:
-    return accounts.create(studio, EMAIL, PASSWORD)
+def somebody(app: AppContext) -> Principal:
+    return accounts.create(app, EMAIL, PASSWORD)
 
 
 @pytest.fixture
-def study(studio: Studio, tmp_path: Path) -> studies.StudyInfo:
+def study(app: AppContext, tmp_path: Path) -> repository.StudyInfo:
     """One of whose recordings each has a score, so that it can be simulated."""
     folder = write_own_study(tmp_path / "kettles")
     table = folder / "recordings.csv"
     table.write_text(table.read_text().replace("b.mp4,\n", "b.mp4,1\n"))
-    studies.create(studio, studies.load_folder(str(folder)))
-    studies.open_study(studio, "kettles")
-    return studies.find(studio, "kettles")
+    repository.create(app, repository.load_folder(str(folder)))
+    repository.open_study(app, "kettles")
+    return repository.find(app, "kettles")
 
 
-def video(studio: Studio, locator: str, *, urgent: bool = False) -> Future[Any]:
+def video(app: AppContext, locator: str, *, urgent: bool = False) -> Future[Any]:
     """What recordings ask for; the candidates that tests render have short videos."""
-    return studio.background.in_process(
-        (RENDER, locator), make_video, studio.settings, locator, urgent=urgent
+    return app.background.in_process(
+        (RENDER, locator), make_video, app.settings, locator, urgent=urgent
     )

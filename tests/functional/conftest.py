@@ -9,10 +9,12 @@ import pytest
 from fastapi import FastAPI
 
 from app.main import create_app
-from app.services import accounts, studies
-from app.services.settings import Settings
-from app.services.studies import StudyInfo
-from app.services.studio import Studio, open_studio
+from app.services.accounts import accounts
+from app.services.bootstrap import open_app
+from app.services.context import AppContext
+from app.services.runtime.settings import Settings
+from app.services.studies import repository
+from app.services.studies.repository import StudyInfo
 from tests.conftest import SHORT_PLAN, Clock, Idle, StudyShelf
 from tests.databases import Databases, commit_quickly
 
@@ -37,15 +39,15 @@ def _quick_commits() -> Iterator[None]:
 def _assembled(tmp_path_factory: pytest.TempPathFactory, media_dir: Path) -> Iterator[FastAPI]:
     """One application for all tests: putting its routes together takes longer than most tests."""
     settings = Settings(data_dir=tmp_path_factory.mktemp("unused"), media_dir=media_dir)
-    studio = open_studio(settings, background=Idle(1))
-    yield create_app(studio=studio)
-    studio.close()
+    app = open_app(settings, background=Idle(1))
+    yield create_app(app=app)
+    app.close()
 
 
 @pytest.fixture
-def application(_assembled: FastAPI, studio: Studio) -> FastAPI:
+def application(_assembled: FastAPI, app: AppContext) -> FastAPI:
     """The application over this test's studio, which nobody has told to stop."""
-    _assembled.state.studio = studio
+    _assembled.state.app = app
     _assembled.state.stopping = lambda: False
     return _assembled
 
@@ -57,9 +59,9 @@ def client(application: FastAPI) -> Iterator[Api]:
 
 
 @pytest.fixture
-def api_token(studio: Studio) -> str:
+def api_token(app: AppContext) -> str:
     """An experimenter's API token."""
-    return accounts.create_api_token(studio, accounts.create(studio, EMAIL, PASSWORD), "tests")
+    return accounts.create_api_token(app, accounts.create(app, EMAIL, PASSWORD), "tests")
 
 
 #: The short study with a model from the second answer on, so that a few queries show all kinds.
@@ -69,19 +71,19 @@ LEARNING_PLAN = SHORT_PLAN.replace(
 
 
 @pytest.fixture
-def learning_study(studio: Studio, study_shelf: StudyShelf) -> StudyInfo:
+def learning_study(app: AppContext, study_shelf: StudyShelf) -> StudyInfo:
     """An open study in which the model chooses queries after two answers."""
-    study_shelf.put_into(studio, LEARNING_PLAN)
-    return studies.find(studio, "short")
+    study_shelf.put_into(app, LEARNING_PLAN)
+    return repository.find(app, "short")
 
 
 @pytest.fixture
-def recruit(studio: Studio, study_shelf: StudyShelf) -> Recruit:
+def recruit(app: AppContext, study_shelf: StudyShelf) -> Recruit:
     """Opens the short study with these further lines in its plan."""
 
     def opened(said: str) -> StudyInfo:
-        study_shelf.put_into(studio, SHORT_PLAN + said)
-        return studies.find(studio, "short")
+        study_shelf.put_into(app, SHORT_PLAN + said)
+        return repository.find(app, "short")
 
     return opened
 
@@ -99,17 +101,17 @@ def kept(
         media_dir=media_dir,
         database_url=databases.new(folder / "data"),
     )
-    studio = open_studio(settings, now=Clock().now, background=Idle(1))
-    study_shelf.put_into(studio, SHORT_PLAN)
-    made = Kept(studio, databases, folder / "kept")
-    studio.close()
+    app = open_app(settings, now=Clock().now, background=Idle(1))
+    study_shelf.put_into(app, SHORT_PLAN)
+    made = Kept(app, databases, folder / "kept")
+    app.close()
     return made
 
 
 @pytest.fixture
 def house(
-    client: Api, application: FastAPI, studio: Studio, databases: Databases, kept: Kept
+    client: Api, application: FastAPI, app: AppContext, databases: Databases, kept: Kept
 ) -> House:
     # Streams end at once, as they do when a server is told to stop.
     application.state.stopping = lambda: True
-    return House(client, studio, databases, kept)
+    return House(client, app, databases, kept)

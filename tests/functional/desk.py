@@ -10,8 +10,8 @@ from pathlib import Path
 
 import httpx
 
-from app.services import accounts
-from app.services.studio import Studio
+from app.services.accounts import accounts
+from app.services.context import AppContext
 
 from .client import Api
 
@@ -19,10 +19,10 @@ from .client import Api
 class Desk:
     """One signed-in browser. `post` sends a form with the token of the pages."""
 
-    def __init__(self, client: Api, studio: Studio, email: str, role: accounts.Role) -> None:
-        self.account = accounts.create(studio, email, "correct horse battery", role)
+    def __init__(self, client: Api, app: AppContext, email: str, role: accounts.Role) -> None:
+        self.account = accounts.create(app, email, "correct horse battery", role)
         self.client = client
-        self._sign_in = accounts.sign_in(studio, email, "correct horse battery")
+        self._sign_in = accounts.sign_in(app, email, "correct horse battery")
         self._be()
         page = client.get("/studies").text
         found = re.search(r'name="csrf_token" value="([0-9a-f]+)"', page)

@@ -14,13 +14,17 @@ from fastapi import FastAPI
 from fastapi.routing import iter_route_contexts
 from sqlalchemy import select
 
-from app.services import accounts, admission, drafts, participation, studies
-from app.services.accounts import Role, Scope
-from app.services.studio import Studio
-from app.storage.accounts import StudyAccess
-from app.storage.records import Job
-from app.storage.tables import SessionRow
-from app.web.security import SIGN_IN_COOKIE, session_cookie
+from app.services.accounts import accounts
+from app.services.accounts.accounts import Role, Scope
+from app.services.arrival import admission
+from app.services.context import AppContext
+from app.services.drafts import drafts
+from app.services.sessions import stages
+from app.services.studies import repository
+from app.storage.models.accounts import StudyAccess
+from app.storage.models.records import Job
+from app.storage.models.studies import SessionRow
+from app.web.http.security import SIGN_IN_COOKIE, session_cookie
 from tests.databases import Databases
 
 from .client import Api
@@ -44,19 +48,19 @@ def routes(application: FastAPI) -> Iterator[str]:
 class Kept:
     """The short study with everybody who has to do with it: made once, copied for each call."""
 
-    def __init__(self, studio: Studio, databases: Databases, folder: Path) -> None:
-        study = studies.find(studio, "short")
+    def __init__(self, app: AppContext, databases: Databases, folder: Path) -> None:
+        study = repository.find(app, "short")
         people = {
-            "admin": accounts.create(studio, "admin@lab.example", PASSWORD, Role.ADMIN),
-            "owner": accounts.create(studio, "owner@lab.example", PASSWORD, Role.EXPERIMENTER),
-            "shared": accounts.create(studio, "shared@lab.example", PASSWORD, Role.EXPERIMENTER),
-            "other": accounts.create(studio, BOB["email"], PASSWORD, Role.EXPERIMENTER),
-            "reviewer": accounts.create(studio, "rev@board.example", PASSWORD, Role.REVIEWER),
+            "admin": accounts.create(app, "admin@lab.example", PASSWORD, Role.ADMIN),
+            "owner": accounts.create(app, "owner@lab.example", PASSWORD, Role.EXPERIMENTER),
+            "shared": accounts.create(app, "shared@lab.example", PASSWORD, Role.EXPERIMENTER),
+            "other": accounts.create(app, BOB["email"], PASSWORD, Role.EXPERIMENTER),
+            "reviewer": accounts.create(app, "rev@board.example", PASSWORD, Role.REVIEWER),
         }
         owner = people["owner"]
-        at = studio.now()
-        with studio.database.write() as session:
-            session.add_all(
+        at = app.now()
+        with app.database.write() as db:
+            db.add_all(
                 StudyAccess(
                     study_id=study.id,
                     account_id=people[tie].account_id,
@@ -66,7 +70,7 @@ class Kept:
                 # A reviewer whom it was shared with before they became one reads no data either.
                 for tie in ("owner", "shared", "reviewer")
             )
-            session.add(
+            db.add(
                 Job(
                     public_id=JOB,
                     account_id=owner.account_id,
@@ -78,40 +82,40 @@ class Kept:
                     created_at=at,
                 )
             )
-        self.draft = drafts.begin(studio, owner, "mine").public_id
-        self.evaluators = dict(_evaluators(studio))
-        with studio.database.read() as session:
-            row = session.scalars(select(SessionRow).order_by(SessionRow.id)).all()[-1]
+        self.draft = drafts.begin(app, owner, "mine").public_id
+        self.evaluators = dict(_evaluators(app))
+        with app.database.read() as db:
+            row = db.scalars(select(SessionRow).order_by(SessionRow.id)).all()[-1]
             self.session_id, self.participant = row.public_id, row.participant.pseudonym
         self.cookies = {
-            name: accounts.sign_in(studio, one.email, PASSWORD) for name, one in people.items()
+            name: accounts.sign_in(app, one.email, PASSWORD) for name, one in people.items()
         }
         self.tokens = {
-            "read token": accounts.create_api_token(studio, owner, "r", Scope.READ),
-            "write token": accounts.create_api_token(studio, owner, "w", Scope.WRITE),
+            "read token": accounts.create_api_token(app, owner, "r", Scope.READ),
+            "write token": accounts.create_api_token(app, owner, "w", Scope.WRITE),
         }
-        self.rows = databases.keep(studio.settings.url)
+        self.rows = databases.keep(app.settings.url)
         self.uploads = folder / "uploads"
-        shutil.copytree(studio.settings.uploads_dir, self.uploads)
+        shutil.copytree(app.settings.uploads_dir, self.uploads)
 
 
-def _evaluators(studio: Studio) -> Iterator[tuple[str, str]]:
+def _evaluators(app: AppContext) -> Iterator[tuple[str, str]]:
     """Sessions whose browsers are at these stages, by their tokens."""
     for stage in ("consent", "instructions", "query"):
-        token, state = admission.start(studio, "short")
+        token, state = admission.start(app, "short")
         if stage != "consent":
-            state = participation.consent(studio, token, state["consent"]["version"])
+            state = stages.consent(app, token, state["consent"]["version"])
         while stage == "query" and state["stage"] != stage:
-            state = participation.go_on(studio, token)
+            state = stages.go_on(app, token)
         yield f"evaluator at {stage}", token
 
 
 class House:
     """Everybody at the door of the application; each form finds things as they were."""
 
-    def __init__(self, client: Api, studio: Studio, databases: Databases, kept: Kept) -> None:
+    def __init__(self, client: Api, app: AppContext, databases: Databases, kept: Kept) -> None:
         self._client = client
-        self._studio = studio
+        self._studio = app
         self._databases = databases
         self._kept = kept
         self.draft = kept.draft

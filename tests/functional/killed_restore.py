@@ -7,13 +7,13 @@ import signal
 from collections.abc import Iterable
 from pathlib import Path
 
-from app.services import backups, redeletion
-from app.services.ledger import Deleted
-from app.services.settings import Settings
-from app.services.studio import Studio, utc_now
+from app.services.context import AppContext, utc_now
+from app.services.deletion_log import Deleted
+from app.services.maintenance import backups, reapply_deletions
+from app.services.runtime.settings import Settings
 
 
-def _killed(studio: Studio, lines: Iterable[Deleted]) -> int:
+def _killed(app: AppContext, lines: Iterable[Deleted]) -> int:
     os.kill(os.getpid(), signal.SIGKILL)
     return 0
 
@@ -24,5 +24,5 @@ def restore_and_be_killed(target: Path, settings: Settings, path: str) -> None:
     path: where PostgreSQL's programs are looked for.
     """
     os.environ["PATH"] = path
-    redeletion.apply = _killed
+    reapply_deletions.apply = _killed
     backups.restore(target, settings, [], utc_now())

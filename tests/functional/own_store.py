@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from app.services.recordings import Recordings
-from app.services.settings import Settings
-from app.services.studio import Studio
+from app.services.context import AppContext
+from app.services.recordings.recordings import Recordings
+from app.services.runtime.settings import Settings
 from tests.s3_server import BUCKET, KEY, SECRET, S3Server
 
 from .own_study import folder, own_study
@@ -45,8 +45,8 @@ def settings(store: S3Server, tmp_path: Path, media_dir: Path) -> Settings:
     )
 
 
-def begin_anew(studio: Studio) -> None:
+def begin_anew(app: AppContext) -> None:
     """As a server does that was just started: nothing of the store is remembered."""
-    studio.recordings.close()
-    fresh = Recordings(studio.database, studio.background, studio.settings)
-    object.__setattr__(studio, "recordings", fresh)
+    app.recordings.close()
+    fresh = Recordings(app.database, app.background, app.settings)
+    object.__setattr__(app, "recordings", fresh)

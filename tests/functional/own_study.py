@@ -9,9 +9,9 @@ import av
 import numpy as np
 import pytest
 
-from app.services import studies
-from app.services.studies import StudyInfo
-from app.services.studio import Studio
+from app.services.context import AppContext
+from app.services.studies import repository
+from app.services.studies.repository import StudyInfo
 from tests.conftest import write_study
 
 OWN_PLAN = """
@@ -66,9 +66,9 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def own_study(studio: Studio, folder: Path) -> StudyInfo:
-    studies.create(studio, studies.load_folder(str(folder)))
-    return studies.open_study(studio, "kettles")
+def own_study(app: AppContext, folder: Path) -> StudyInfo:
+    repository.create(app, repository.load_folder(str(folder)))
+    return repository.open_study(app, "kettles")
 
 
 def frames(video: Path | bytes) -> list[bytes]:

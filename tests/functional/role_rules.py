@@ -4,7 +4,7 @@ A new route needs a line in RULES: `"METHOD /path": <rule>`. The rules:
 
 | rule | who gets in |
 |---|---|
-| DESIGN, DATA, CHANGE, OWN | by the right to the study (app/services/access.py), for a page |
+| DESIGN, DATA, CHANGE, OWN | by the right to the study (services/studies/access.py), for a page |
 | DESIGN_FORM, CHANGE_FORM, OWN_FORM | the same for a form: programs have none of ours: refused |
 | API_DATA | by the right to the data, for a call: 401 instead of the way to the sign-in |
 | SIGNED_IN | everybody who is signed in, and their tokens |

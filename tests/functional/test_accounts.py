@@ -9,10 +9,10 @@ import httpx
 import pytest
 from sqlalchemy import text
 
-from app.services import account_list, accounts, audit, invitations
-from app.services.accounts import Role
-from app.services.errors import ConflictError, InvitationError
-from app.services.studio import Studio
+from app.services.accounts import accounts, administration, audit_log, invitations
+from app.services.accounts.accounts import Role
+from app.services.context import AppContext
+from app.services.runtime.errors import ConflictError, InvitationError
 from tests.conftest import Clock, database_file
 
 from .client import Api
@@ -52,13 +52,13 @@ def invited(client: Api, role: str = "experimenter") -> str:
     return link_in(send(client, "/accounts/invite", email=f" {BOB.upper()}", role=role))
 
 
-def actions(studio: Studio) -> list[str]:
-    return [line.action for line in audit.trail(studio)]
+def actions(app: AppContext) -> list[str]:
+    return [line.action for line in audit_log.trail(app)]
 
 
 @pytest.mark.parametrize("role", ["experimenter", "reviewer", "admin"])
 def test_whoever_is_invited_chooses_a_password_and_has_the_role(
-    admin: Api, studio: Studio, role: str
+    admin: Api, app: AppContext, role: str
 ) -> None:
     link = invited(admin, role)
     assert BOB in admin.get("/accounts").text
@@ -68,8 +68,8 @@ def test_whoever_is_invited_chooses_a_password_and_has_the_role(
     done = choose(admin, link, NEW_PASSWORD)
     assert (done.status_code, NEW_PASSWORD in done.text) == (200, False)
     assert sign_in(admin, BOB, NEW_PASSWORD).status_code == 303
-    assert accounts.find(studio, BOB).role == role
-    assert actions(studio)[:3] == ["signed in", "account made", "account invited"]
+    assert accounts.find(app, BOB).role == role
+    assert actions(app)[:3] == ["signed in", "account made", "account invited"]
 
 
 def test_a_link_lets_one_choose_once(admin: Api) -> None:
@@ -83,12 +83,12 @@ def test_a_link_lets_one_choose_once(admin: Api) -> None:
     assert sign_in(admin, BOB, PASSWORD).status_code == 401
 
 
-def test_two_who_use_a_link_at_once_make_one_account(studio: Studio, api_token: str) -> None:
-    token = invitations.invite(studio, BOB, Role.EXPERIMENTER, EMAIL).rsplit("/", 1)[1]
+def test_two_who_use_a_link_at_once_make_one_account(app: AppContext, api_token: str) -> None:
+    token = invitations.invite(app, BOB, Role.EXPERIMENTER, EMAIL).rsplit("/", 1)[1]
 
     def accept(number: int) -> bool:
         try:
-            invitations.accept(studio, token, f"{NEW_PASSWORD} {number}")
+            invitations.accept(app, token, f"{NEW_PASSWORD} {number}")
         except InvitationError:
             return False
         return True
@@ -135,9 +135,9 @@ def test_a_newer_link_and_taking_it_back_make_the_earlier_worthless(admin: Api) 
 
 
 @pytest.mark.sqlite
-def test_links_are_kept_as_hashes(admin: Api, studio: Studio) -> None:
+def test_links_are_kept_as_hashes(admin: Api, app: AppContext) -> None:
     secret = invited(admin).rsplit("/", 1)[1].encode()
-    file = database_file(studio.settings)
+    file = database_file(app.settings)
     for path in (file, file.with_name(f"{file.name}-wal")):
         assert secret not in path.read_bytes()
 
@@ -151,12 +151,12 @@ def test_an_address_that_cannot_be_invited_is_named(admin: Api, address: str) ->
 
 
 def test_a_reset_link_changes_the_password_and_signs_everybody_out(
-    admin: Api, studio: Studio
+    admin: Api, app: AppContext
 ) -> None:
-    accounts.create(studio, BOB, PASSWORD)
-    cookie = accounts.sign_in(studio, BOB, PASSWORD)
+    accounts.create(app, BOB, PASSWORD)
+    cookie = accounts.sign_in(app, BOB, PASSWORD)
     link = link_in(send(admin, "/accounts/reset", email=BOB))
-    assert accounts.by_sign_in(studio, cookie).email == BOB
+    assert accounts.by_sign_in(app, cookie).email == BOB
     assert choose(admin, link, NEW_PASSWORD).status_code == 200
     admin.cookies.clear()
     admin.cookies.set("pbpo_sign_in", cookie)
@@ -164,15 +164,15 @@ def test_a_reset_link_changes_the_password_and_signs_everybody_out(
     admin.cookies.clear()
     assert sign_in(admin, BOB, PASSWORD).status_code == 401
     assert sign_in(admin, BOB, NEW_PASSWORD).status_code == 303
-    assert accounts.find(studio, BOB).role == "experimenter"
+    assert accounts.find(app, BOB).role == "experimenter"
 
 
 def test_a_disabled_account_is_out_at_once_and_its_owner_can_be_let_in_again(
-    admin: Api, studio: Studio
+    admin: Api, app: AppContext
 ) -> None:
-    bob = accounts.create(studio, BOB, PASSWORD)
-    token = accounts.create_api_token(studio, bob, "mine")
-    cookie = accounts.sign_in(studio, BOB, PASSWORD)
+    bob = accounts.create(app, BOB, PASSWORD)
+    token = accounts.create_api_token(app, bob, "mine")
+    cookie = accounts.sign_in(app, BOB, PASSWORD)
     reset_link = link_in(send(admin, "/accounts/reset", email=BOB))
     assert send(admin, "/accounts/disable", email=BOB).status_code == 303
     assert admin.get(reset_link).status_code == 410
@@ -185,32 +185,32 @@ def test_a_disabled_account_is_out_at_once_and_its_owner_can_be_let_in_again(
     assert admin.get("/studies", headers=bearer).status_code == 303
     admin.cookies.clear()
     assert sign_in(admin, BOB, PASSWORD).status_code == 401
-    account_list.enable(studio, BOB, EMAIL)
+    administration.enable(app, BOB, EMAIL)
     assert sign_in(admin, BOB, PASSWORD).status_code == 303
 
 
 @pytest.mark.parametrize("action", [{}, {"role": "reviewer"}, {"role": "experimenter"}])
-def test_the_last_admin_stays_one(admin: Api, studio: Studio, action: dict[str, str]) -> None:
+def test_the_last_admin_stays_one(admin: Api, app: AppContext, action: dict[str, str]) -> None:
     path = "/accounts/role" if action else "/accounts/disable"
-    accounts.create(studio, BOB, PASSWORD, Role.EXPERIMENTER)
+    accounts.create(app, BOB, PASSWORD, Role.EXPERIMENTER)
     page = send(admin, path, email=EMAIL, **action)
     assert (page.status_code, "the last one" in page.text) == (409, True)
-    account_list.change_role(studio, BOB, Role.ADMIN, EMAIL)
+    administration.change_role(app, BOB, Role.ADMIN, EMAIL)
     assert send(admin, path, email=EMAIL, **action).status_code == 303
-    assert accounts.find(studio, BOB).role == "admin"
+    assert accounts.find(app, BOB).role == "admin"
 
 
-def test_a_disabled_admin_does_not_count_as_another(studio: Studio, api_token: str) -> None:
-    accounts.create(studio, BOB, PASSWORD, Role.ADMIN)
-    account_list.disable(studio, BOB, EMAIL)
+def test_a_disabled_admin_does_not_count_as_another(app: AppContext, api_token: str) -> None:
+    accounts.create(app, BOB, PASSWORD, Role.ADMIN)
+    administration.disable(app, BOB, EMAIL)
     with pytest.raises(ConflictError, match="the last one"):
-        account_list.disable(studio, EMAIL, EMAIL)
+        administration.disable(app, EMAIL, EMAIL)
 
 
-def test_the_trail_tells_who_did_what_and_is_read_by_admins(admin: Api, studio: Studio) -> None:
-    accounts.create(studio, BOB, PASSWORD)
+def test_the_trail_tells_who_did_what_and_is_read_by_admins(admin: Api, app: AppContext) -> None:
+    accounts.create(app, BOB, PASSWORD)
     send(admin, "/accounts/role", email=BOB, role="reviewer")
-    line = audit.trail(studio)[0]
+    line = audit_log.trail(app)[0]
     assert (line.actor, line.action) == (EMAIL, "role changed")
     assert line.details == {"account": BOB, "before": "experimenter", "after": "reviewer"}
     page = admin.get("/activity").text
@@ -221,9 +221,9 @@ def test_the_trail_tells_who_did_what_and_is_read_by_admins(admin: Api, studio: 
     assert "signed in" in older
 
 
-def test_the_trail_is_read_in_pieces(admin: Api, studio: Studio) -> None:
+def test_the_trail_is_read_in_pieces(admin: Api, app: AppContext) -> None:
     for number in range(150):
-        audit.note_alone(studio, EMAIL, "counted", number=number)
+        audit_log.note_alone(app, EMAIL, "counted", number=number)
     first = admin.get("/activity").text
     assert first.count("<tr>") == 101
     older = re.search(r'href="(\?before=\d+)">Older', first)
@@ -233,10 +233,10 @@ def test_the_trail_is_read_in_pieces(admin: Api, studio: Studio) -> None:
     assert told == list(range(149, -1, -1))
 
 
-def test_nothing_in_the_trail_can_be_changed(studio: Studio, api_token: str) -> None:
+def test_nothing_in_the_trail_can_be_changed(app: AppContext, api_token: str) -> None:
     for statement in ("DELETE FROM audit_events", "UPDATE audit_events SET actor = 'nobody'"):
-        with pytest.raises(Exception, match="append-only"), studio.database.write() as session:
-            session.execute(text(statement))
+        with pytest.raises(Exception, match="append-only"), app.database.write() as db:
+            db.execute(text(statement))
 
 
 def test_commands_invite_reset_list_disable_and_give_roles(
@@ -261,10 +261,10 @@ def test_commands_invite_reset_list_disable_and_give_roles(
 
 
 def test_links_that_go_out_begin_with_the_public_address_whatever_host_was_named(
-    admin: Api, studio: Studio, pbpo: Run, monkeypatch: pytest.MonkeyPatch
+    admin: Api, app: AppContext, pbpo: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    public = studio.settings.model_copy(update={"public_url": "https://studies.lab.example"})
-    object.__setattr__(studio, "settings", public)
+    public = app.settings.model_copy(update={"public_url": "https://studies.lab.example"})
+    object.__setattr__(app, "settings", public)
     form = {"csrf_token": form_token(admin.get("/accounts")), "email": BOB, "role": "reviewer"}
     page = admin.post("/accounts/invite", data=form, headers={"Host": "evil.example"})
     assert re.search(r">https://studies\.lab\.example/invitations/[\w-]{43}<", page.text)

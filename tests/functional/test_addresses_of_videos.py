@@ -6,9 +6,9 @@ from pathlib import PurePosixPath
 
 import pytest
 
-from app.services import withdrawal
-from app.services.studies import StudyInfo
-from app.services.studio import Studio
+from app.services.context import AppContext
+from app.services.sessions import withdrawal
+from app.services.studies.repository import StudyInfo
 
 from .client import Api, Session
 from .own_study import folder, own_study
@@ -16,19 +16,19 @@ from .own_study import folder, own_study
 __all__ = ["folder", "own_study"]
 
 
-def shown(studio: Studio, session: Session) -> dict[str, int]:
+def shown(app: AppContext, db: Session) -> dict[str, int]:
     """The addresses that a session knows at its present query, and what they stand for."""
-    query = session.state["query"]
+    query = db.state["query"]
     found = {}
     for url in (query["left"]["url"], query["right"]["url"], *query["prefetch"]):
-        opened = studio.addresses.opened(PurePosixPath(url).stem)
+        opened = app.addresses.opened(PurePosixPath(url).stem)
         assert opened is not None
         found[url] = opened.recording_id
     return found
 
 
 def test_no_two_sessions_and_no_two_pairs_share_an_address(
-    client: Api, studio: Studio, own_study: StudyInfo
+    client: Api, app: AppContext, own_study: StudyInfo
 ) -> None:
     """The study has four recordings: each comes several times."""
     addresses: list[str] = []
@@ -38,7 +38,7 @@ def test_no_two_sessions_and_no_two_pairs_share_an_address(
         while session.state["stage"] == "query" and session.state["progress"]["trial"] == 1:
             query = session.state["query"]
             pair = {query[side]["url"] for side in ("left", "right")}
-            known = shown(studio, session)
+            known = shown(app, session)
             addresses += pair
             recordings += [known[url] for url in pair]
             session.respond("left")
@@ -59,13 +59,13 @@ def test_an_address_stays_the_same_while_its_pair_is_shown(
 
 @pytest.mark.parametrize("where", ["here", "in another process"])
 def test_addresses_of_a_deleted_session_lead_nowhere(
-    client: Api, studio: Studio, own_study: StudyInfo, where: str
+    client: Api, app: AppContext, own_study: StudyInfo, where: str
 ) -> None:
     session = client.start("kettles").to_first_query()
     url = session.state["query"]["left"]["url"]
     if where == "here":
         assert client.get(url).status_code == 200
-    withdrawal.withdraw_and_delete(studio, session.token)
+    withdrawal.withdraw_and_delete(app, session.token)
     assert client.get(url).status_code == 410
     # The next session has the row's number again: it is another session all the same.
     client.start("kettles").to_first_query()

@@ -6,25 +6,25 @@ from collections.abc import Callable
 
 import pytest
 
-from app.services import answers, replay, undoing, withdrawal
-from app.services.answers import FaultReport
-from app.services.proposals import Step, TrialInHand
-from app.services.studio import Studio
-from app.services.thoughts import History
-from app.storage.tables import Response
+from app.services.context import AppContext
+from app.services.proposals.computation import History
+from app.services.proposals.proposer import Step, TrialSpec
+from app.services.sessions import replay, responses, undo, withdrawal
+from app.services.sessions.responses import FaultReport
+from app.storage.models.studies import Response
 from tests.conftest import StudyShelf
 
 from .client import Api, Session
 from .conftest import LEARNING_PLAN
 from .test_crowding import rows
 
-Elsewhere = Callable[[Callable[[], object]], None]
+FitProcess = Callable[[Callable[[], object]], None]
 
 
 @pytest.fixture
-def person(client: Api, studio: Studio, study_shelf: StudyShelf) -> Session:
+def person(client: Api, app: AppContext, study_shelf: StudyShelf) -> Session:
     """Somebody at the third pair, who may take the second answer back."""
-    study_shelf.put_into(studio, LEARNING_PLAN + "query: {undo_s: 5}\n")
+    study_shelf.put_into(app, LEARNING_PLAN + "query: {undo_s: 5}\n")
     session = client.start().to_first_query()
     for response in ("left", "right"):
         assert session.respond(response).status_code == 200
@@ -32,55 +32,55 @@ def person(client: Api, studio: Studio, study_shelf: StudyShelf) -> Session:
 
 
 @pytest.fixture
-def elsewhere(studio: Studio, monkeypatch: pytest.MonkeyPatch) -> Elsewhere:
+def elsewhere(app: AppContext, monkeypatch: pytest.MonkeyPatch) -> FitProcess:
     """Has something done, once, while the next step is worked out."""
 
     def done_meanwhile(happens: Callable[[], object]) -> None:
-        real, left = studio.proposer.step, [happens]
+        real, left = app.proposer.step, [happens]
 
-        def step(trial: TrialInHand, history: History) -> Step:
+        def step(trial: TrialSpec, history: History) -> Step:
             while left:
                 left.pop()()
             return real(trial, history)
 
-        monkeypatch.setattr(studio.proposer, "step", step)
+        monkeypatch.setattr(app.proposer, "step", step)
 
     return done_meanwhile
 
 
-def follows_from_its_history(studio: Studio) -> bool:
-    return not any(trial.differences for trial in replay.replay(studio, "short"))
+def follows_from_its_history(app: AppContext) -> bool:
+    return not any(trial.differences for trial in replay.replay(app, "short"))
 
 
 def test_a_pair_that_is_set_aside_meanwhile_takes_no_response(
-    studio: Studio, person: Session, elsewhere: Elsewhere
+    app: AppContext, person: Session, elsewhere: FitProcess
 ) -> None:
     report = FaultReport(person.state["query"]["id"], "pressed")
-    elsewhere(lambda: answers.report_fault(studio, person.token, report))
+    elsewhere(lambda: responses.report_fault(app, person.token, report))
     assert person.respond("left").status_code == 409
-    assert rows(studio, Response) == 2
+    assert rows(app, Response) == 2
     person.look()
     assert person.respond("left").status_code == 200
-    assert follows_from_its_history(studio)
+    assert follows_from_its_history(app)
 
 
 def test_an_answer_that_is_taken_back_meanwhile_leads_back_to_its_pair(
-    studio: Studio, person: Session, elsewhere: Elsewhere
+    app: AppContext, person: Session, elsewhere: FitProcess
 ) -> None:
     before = person.state["query"]["undo"]["query_id"]
-    elsewhere(lambda: undoing.undo(studio, person.token, before))
+    elsewhere(lambda: undo.undo(app, person.token, before))
     assert person.respond("left").status_code == 404
     assert person.look()["query"]["id"] == before
     for _ in range(2):
         assert person.respond("left").status_code == 200
-    assert rows(studio, Response) == 3
-    assert follows_from_its_history(studio)
+    assert rows(app, Response) == 3
+    assert follows_from_its_history(app)
 
 
 def test_who_is_deleted_meanwhile_leaves_nothing(
-    studio: Studio, person: Session, elsewhere: Elsewhere
+    app: AppContext, person: Session, elsewhere: FitProcess
 ) -> None:
-    elsewhere(lambda: withdrawal.withdraw_and_delete(studio, person.token))
+    elsewhere(lambda: withdrawal.withdraw_and_delete(app, person.token))
     assert person.respond("left").status_code == 401
-    assert rows(studio, Response) == 0
-    assert studio.proposer.cached_seeds() == frozenset()
+    assert rows(app, Response) == 0
+    assert app.proposer.cached_seeds() == frozenset()

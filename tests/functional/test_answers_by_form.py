@@ -6,7 +6,7 @@ import re
 
 import pytest
 
-from app.services.studies import StudyInfo
+from app.services.studies.repository import StudyInfo
 from tests.conftest import Clock
 
 from .client import Api

@@ -12,9 +12,10 @@ from fastapi import FastAPI
 from hypothesis import seed as seeded
 from hypothesis.stateful import run_state_machine_as_test
 
-from app.services import accounts
-from app.services.background import Background
-from app.services.studio import Studio, open_studio
+from app.services.accounts import accounts
+from app.services.background.interface import Background
+from app.services.bootstrap import open_app
+from app.services.context import AppContext
 from tests.conftest import FROM_PROLIFIC, Clock, StudyShelf
 from tests.fuzz.passage import Passage
 from tests.fuzz.person import PLAN
@@ -43,24 +44,22 @@ class Counted(Api):
 @pytest.fixture
 def world(
     application: FastAPI,
-    studio: Studio,
+    app: AppContext,
     study_shelf: StudyShelf,
     clock: Clock,
     background: Background,
     fuzz: Fuzz,
 ) -> Iterator[World]:
     """The study, over this test's database, and how its server starts again."""
-    study_shelf.put_into(studio, PLAN + FROM_PROLIFIC)
-    api_token = accounts.create_api_token(studio, accounts.create(studio, EMAIL, PASSWORD), "tests")
-    opened = [studio]
+    study_shelf.put_into(app, PLAN + FROM_PROLIFIC)
+    api_token = accounts.create_api_token(app, accounts.create(app, EMAIL, PASSWORD), "tests")
+    opened = [app]
 
-    def restart() -> Studio:
+    def restart() -> AppContext:
         opened[-1].close()
-        again = open_studio(
-            studio.settings, now=clock.now, seed=count(1).__next__, background=background
-        )
+        again = open_app(app.settings, now=clock.now, seed=count(1).__next__, background=background)
         opened.append(again)
-        application.state.studio = again
+        application.state.app = again
         return again
 
     with Counted(application, fuzz) as client:

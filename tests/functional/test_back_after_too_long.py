@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from app.services.studio import Studio
+from app.services.context import AppContext
 from tests.conftest import Clock
 
 from .client import Api
@@ -44,7 +44,7 @@ def left_for_too_long(
 def test_in_another_browser(
     client: Api,
     recruit: Recruit,
-    studio: Studio,
+    app: AppContext,
     clock: Clock,
     returning: str,
     policy: str,
@@ -57,20 +57,20 @@ def test_in_another_browser(
         sent_on(agree(client, LINK))
         assert heading(client.get("/s/short")) == "What you will do"
         # Nothing proves that it is the same person: what either deletes is their own.
-        assert sessions_and_people(studio) == (2, 2)
+        assert sessions_and_people(app) == (2, 2)
     else:
-        assert sessions_and_people(studio) == (1, 1)
+        assert sessions_and_people(app) == (1, 1)
 
 
 @pytest.mark.parametrize("returning", ["resume", "again", "block"])
 def test_in_the_same_browser_a_study_that_lets_one_begin_anew_does_so_whoever_may_return(
-    client: Api, recruit: Recruit, studio: Studio, clock: Clock, returning: str
+    client: Api, recruit: Recruit, app: AppContext, clock: Clock, returning: str
 ) -> None:
     left_for_too_long(client, recruit, clock, returning, "restart")
     assert heading(client.get(f"/s/short{LINK}")) == CONSENT
     sent_on(agree(client, LINK))
     assert heading(client.get("/s/short")) == "What you will do"
-    assert sessions_and_people(studio) == (2, 1)
+    assert sessions_and_people(app) == (2, 1)
 
 
 @pytest.mark.parametrize(("returning", "is_invited"), [("resume", True), ("block", False)])

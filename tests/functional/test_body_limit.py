@@ -7,10 +7,10 @@ from collections.abc import AsyncIterator
 import pytest
 from fastapi import FastAPI
 
-from app.services import accounts
-from app.services.studies import StudyInfo
-from app.services.studio import Studio
-from app.web.body_limit import (
+from app.services.accounts import accounts
+from app.services.context import AppContext
+from app.services.studies.repository import StudyInfo
+from app.web.http.body_limit import (
     LONGEST_ADDRESS,
     LONGEST_HEADERS,
     MOST_FIELDS,
@@ -19,7 +19,7 @@ from app.web.body_limit import (
     WITH_EVENTS,
     limit_of,
 )
-from app.web.security import SIGN_IN_COOKIE
+from app.web.http.security import SIGN_IN_COOKIE
 from tests.conftest import FROM_PROLIFIC
 
 from .client import Api
@@ -83,7 +83,7 @@ def test_a_body_that_is_too_long_is_refused_whatever_it_says_of_itself(
 
 
 def test_a_long_form_is_taken_from_somebody_who_is_signed_in_alone(
-    client: Api, studio: Studio
+    client: Api, app: AppContext
 ) -> None:
     body = b"file=x&text=" + b"a" * (2 * SMALL)
     address = "/drafts/none/text"
@@ -91,8 +91,8 @@ def test_a_long_form_is_taken_from_somebody_who_is_signed_in_alone(
     client.cookies.set(SIGN_IN_COOKIE, "made-up")
     assert client.post(address, content=body, headers=kind_of(address)).status_code == 413
 
-    accounts.create(studio, EMAIL, PASSWORD)
-    client.cookies.set(SIGN_IN_COOKIE, accounts.sign_in(studio, EMAIL, PASSWORD))
+    accounts.create(app, EMAIL, PASSWORD)
+    client.cookies.set(SIGN_IN_COOKIE, accounts.sign_in(app, EMAIL, PASSWORD))
     # Read, and refused for what is missing in it.
     assert client.post(address, content=body, headers=kind_of(address)).status_code == 422
     parts = {"Content-Type": "multipart/form-data; boundary=b"}

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from app.services import studies
-from app.services.accounts import Role
-from app.services.studio import Studio
-from app.study.difference import difference
+from app.services.accounts.accounts import Role
+from app.services.context import AppContext
+from app.services.studies import repository
+from app.study.text_diff import difference
 from tests.conftest import SHORT_PLAN, write_study
 
 from .client import Api
@@ -19,15 +19,15 @@ from .desk import Desk
 
 
 @pytest.fixture
-def desk(client: Api, studio: Studio) -> Desk:
-    return Desk(client, studio, "mo@lab.example", Role.EXPERIMENTER)
+def desk(client: Api, app: AppContext) -> Desk:
+    return Desk(client, app, "mo@lab.example", Role.EXPERIMENTER)
 
 
 @pytest.fixture
-def short(desk: Desk, studio: Studio, tmp_path: Path) -> str:
+def short(desk: Desk, app: AppContext, tmp_path: Path) -> str:
     """A draft of the experimenter's own: its page."""
     folder = write_study(tmp_path / "short", SHORT_PLAN)
-    studies.create(studio, studies.load_folder(str(folder)), desk.account.account_id)
+    repository.create(app, repository.load_folder(str(folder)), desk.account.account_id)
     return "/studies/short"
 
 
@@ -44,7 +44,7 @@ def form(page: str) -> dict[str, str]:
 
 
 def test_a_consent_is_not_taken_back_by_who_revises_the_debrief(
-    desk: Desk, studio: Studio, short: str
+    desk: Desk, app: AppContext, short: str
 ) -> None:
     ann, bob = (form(desk.get(f"{short}/texts").text) for _ in range(2))
     ann["en/consent"] += "\nAnn's sentence.\n"
@@ -55,13 +55,13 @@ def test_a_consent_is_not_taken_back_by_who_revises_the_debrief(
     assert "revised by someone else" in refused.text
     assert "yours  Bob&#39;s sentence." in refused.text
     slug = short.rpartition("/")[2]
-    assert studies.find(studio, slug).plan_version == 2
+    assert repository.find(app, slug).plan_version == 2
     # Saved again as it is shown, both are there.
     again = form(refused.text)
     assert "Ann's sentence." in again["en/consent"]
     assert "Bob's sentence." in again["en/debrief"]
     assert desk.post(f"{short}/texts", **again).status_code == 303
-    texts = studies.find(studio, slug).texts["en"]
+    texts = repository.find(app, slug).texts["en"]
     assert "Ann's" in texts["consent"]
     assert "Bob's" in texts["debrief"]
 
@@ -125,7 +125,7 @@ def test_settings_over_a_file_that_was_changed(desk: Desk) -> None:
 
 
 def test_conditions_that_were_switched_meanwhile_are_not_switched_back(
-    desk: Desk, studio: Studio, tmp_path: Path
+    desk: Desk, app: AppContext, tmp_path: Path
 ) -> None:
     plan = SHORT_PLAN.replace("slug: short", "slug: two")
     if "name: no-skip" not in plan:
@@ -134,14 +134,14 @@ def test_conditions_that_were_switched_meanwhile_are_not_switched_back(
             "conditions:\n  - {name: no-skip, method: pbpo-no-skip, environment: env1}\n",
         )
     folder = write_study(tmp_path / "two", plan)
-    study = studies.create(studio, studies.load_folder(str(folder)), desk.account.account_id)
+    study = repository.create(app, repository.load_folder(str(folder)), desk.account.account_id)
     names = [condition.name for condition in study.plan.conditions]
     seen = form(desk.get("/studies/two/recruit").text)["was_off"]
     one = desk.post("/studies/two/conditions", on=names[:1], was_off=seen)
     assert one.status_code == 303
     other = desk.post("/studies/two/conditions", on=names[1:], was_off=seen)
     assert (other.status_code, "were switched since" in other.text) == (409, True)
-    assert studies.find(studio, "two").conditions_off == tuple(names[1:])
+    assert repository.find(app, "two").conditions_off == tuple(names[1:])
     seen = form(other.text)["was_off"]
     assert desk.post("/studies/two/conditions", on=names[1:], was_off=seen).status_code == 303
 

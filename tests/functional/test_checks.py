@@ -9,9 +9,9 @@ from typing import Any
 import pandas as pd
 import pytest
 
-from app.services import replay as replaying
-from app.services import studies
-from app.services.studio import Studio
+from app.services.context import AppContext
+from app.services.sessions import replay as replaying
+from app.services.studies import repository
 from tests.conftest import Clock, StudyShelf
 
 from .client import Api, Session, by_turns
@@ -43,11 +43,11 @@ Walk = Callable[[str], Session]
 
 
 @pytest.fixture
-def walk(studio: Studio, study_shelf: StudyShelf, client: Api, clock: Clock) -> Walk:
+def walk(app: AppContext, study_shelf: StudyShelf, client: Api, clock: Clock) -> Walk:
     """One evaluator through one trial of this plan."""
 
     def through(plan: str) -> Session:
-        study_shelf.put_into(studio, one_condition(plan))
+        study_shelf.put_into(app, one_condition(plan))
         session = client.start()
         session.to_the_end(by_turns("left", "right", "skip", "left"), clock.forward)
         return session
@@ -55,34 +55,36 @@ def walk(studio: Studio, study_shelf: StudyShelf, client: Api, clock: Clock) -> 
     return through
 
 
-def table(studio: Studio, name: str) -> pd.DataFrame:
+def table(app: AppContext, name: str) -> pd.DataFrame:
     import io
 
     from app.services.export import TABLES, Request, csv_stream
 
-    request = Request(studies.find(studio, "short"))
-    return pd.read_csv(io.BytesIO(b"".join(csv_stream(studio, TABLES[name], request))))
+    request = Request(repository.find(app, "short"))
+    return pd.read_csv(io.BytesIO(b"".join(csv_stream(app, TABLES[name], request))))
 
 
 def rows(table: pd.DataFrame) -> list[dict[str, Any]]:
     return [{str(key): value for key, value in row.items()} for _, row in table.iterrows()]
 
 
-def test_checks_come_in_addition_and_are_counted_for_the_person(walk: Walk, studio: Studio) -> None:
+def test_checks_come_in_addition_and_are_counted_for_the_person(
+    walk: Walk, app: AppContext
+) -> None:
     session = walk(CHECKED_PLAN)
     shown = QUERIES + REPEATS + ATTENTION
     assert session.state["progress"] == {"trial": 1, "trials": 1, "query": shown, "queries": shown}
-    queries = table(studio, "queries")
+    queries = table(app, "queries")
     assert queries["query_index"].to_list() == list(range(shown))
     kinds = queries["trial_type"].value_counts()
     assert (kinds["repeat"], kinds["attention"]) == (REPEATS, ATTENTION)
     assert kinds["random"] + kinds["model"] == QUERIES
 
 
-def test_a_repeat_shows_an_earlier_pair_with_its_sides_swapped(walk: Walk, studio: Studio) -> None:
+def test_a_repeat_shows_an_earlier_pair_with_its_sides_swapped(walk: Walk, app: AppContext) -> None:
     walk(CHECKED_PLAN)
-    queries = table(studio, "queries").set_index("query_index")
-    checks = table(studio, "checks")
+    queries = table(app, "queries").set_index("query_index")
+    checks = table(app, "checks")
     repeats = checks[checks["check"] == "repeat"]
     assert repeats["repeats_query_index"].is_unique
     swapped = {"left": "right", "right": "left", "skip": "skip"}
@@ -97,13 +99,13 @@ def test_a_repeat_shows_an_earlier_pair_with_its_sides_swapped(walk: Walk, studi
 
 
 def test_an_attention_check_sets_a_recording_among_the_worst_against_one_among_the_best(
-    walk: Walk, studio: Studio
+    walk: Walk, app: AppContext
 ) -> None:
     walk(CHECKED_PLAN)
-    scores = table(studio, "recordings").set_index("recording")["score"]
+    scores = table(app, "recordings").set_index("recording")["score"]
     best, worst = scores.quantile(0.9), scores.quantile(0.1)
-    queries = table(studio, "queries").set_index("query_index")
-    checks = table(studio, "checks")
+    queries = table(app, "queries").set_index("query_index")
+    checks = table(app, "checks")
     for row in rows(checks[checks["check"] == "attention"]):
         query = queries.loc[row["query_index"]]
         good, bad = row["expected"], {"left": "right", "right": "left"}[row["expected"]]
@@ -112,10 +114,10 @@ def test_an_attention_check_sets_a_recording_among_the_worst_against_one_among_t
         assert row["passed"] == (query["response"] == good)
 
 
-def test_named_candidates_are_the_good_and_the_bad_ones(walk: Walk, studio: Studio) -> None:
+def test_named_candidates_are_the_good_and_the_bad_ones(walk: Walk, app: AppContext) -> None:
     named = "attention: 0.2, good: [{w0: 0.5, w1: 0.5}], bad: [{w0: 1, w1: 0}, {w0: 1, w1: 1}]"
     walk(CHECKED_PLAN.replace("attention: 0.2", named))
-    queries = table(studio, "queries")
+    queries = table(app, "queries")
     checked = queries[queries["trial_type"] == "attention"]
     assert len(checked) == ATTENTION
     for _, query in checked.iterrows():
@@ -125,11 +127,11 @@ def test_named_candidates_are_the_good_and_the_bad_ones(walk: Walk, studio: Stud
         assert query[f"{bad}_w0"] == 1
 
 
-def test_checks_are_kept_from_the_model(walk: Walk, studio: Studio) -> None:
+def test_checks_are_kept_from_the_model(walk: Walk, app: AppContext) -> None:
     walk(CHECKED_PLAN)
-    queries = table(studio, "queries").set_index("query_index")
+    queries = table(app, "queries").set_index("query_index")
     asked = queries[queries["trial_type"].isin(["random", "model"])]
-    preferences, acquired = table(studio, "preferences"), table(studio, "acquired")
+    preferences, acquired = table(app, "preferences"), table(app, "acquired")
     assert acquired["query_index"].to_list() == asked.index.to_list()
     assert set(preferences["query_index"]) <= set(asked.index)
     answers = preferences[preferences["origin"] == "answer"].set_index("query_index")
@@ -139,10 +141,10 @@ def test_checks_are_kept_from_the_model(walk: Walk, studio: Studio) -> None:
     assert drawn["chosen_candidate"].to_list() == made["winner"].to_list()
 
 
-def test_the_model_learns_from_checks_where_the_plan_says_so(walk: Walk, studio: Studio) -> None:
+def test_the_model_learns_from_checks_where_the_plan_says_so(walk: Walk, app: AppContext) -> None:
     walk(TAUGHT_PLAN)
-    queries, preferences = table(studio, "queries"), table(studio, "preferences")
-    assert len(table(studio, "acquired")) == len(queries)
+    queries, preferences = table(app, "queries"), table(app, "preferences")
+    assert len(table(app, "acquired")) == len(queries)
     answered = queries.loc[queries["response"] != "skip", "query_index"]
     answers = preferences[preferences["origin"] == "answer"]
     assert answers["query_index"].to_list() == answered.to_list()
@@ -150,18 +152,18 @@ def test_the_model_learns_from_checks_where_the_plan_says_so(walk: Walk, studio:
 
 @pytest.mark.parametrize("plan", [CHECKED_PLAN, TAUGHT_PLAN])
 def test_every_query_follows_again_from_what_is_stored(
-    walk: Walk, studio: Studio, plan: str
+    walk: Walk, app: AppContext, plan: str
 ) -> None:
     walk(plan)
-    (trial,) = replaying.replay(studio, "short")
+    (trial,) = replaying.replay(app, "short")
     assert trial.queries == QUERIES + REPEATS + ATTENTION
     assert trial.differences == ()
 
 
 def test_nothing_tells_the_page_which_query_is_a_check(
-    studio: Studio, study_shelf: StudyShelf, client: Api, clock: Clock
+    app: AppContext, study_shelf: StudyShelf, client: Api, clock: Clock
 ) -> None:
-    study_shelf.put_into(studio, one_condition(CHECKED_PLAN))
+    study_shelf.put_into(app, one_condition(CHECKED_PLAN))
     session = client.start().to_first_query()
     forms = set()
     while session.state["stage"] == "query":
@@ -177,15 +179,15 @@ def form_of(state: dict[str, Any]) -> str:
 
 
 def test_a_check_that_did_not_play_is_replaced_by_one_of_its_kind(
-    studio: Studio, study_shelf: StudyShelf, client: Api
+    app: AppContext, study_shelf: StudyShelf, client: Api
 ) -> None:
-    study_shelf.put_into(studio, one_condition(CHECKED_PLAN))
+    study_shelf.put_into(app, one_condition(CHECKED_PLAN))
     session = client.start().to_first_query()
     while session.state["stage"] == "query":
         session.call("faults", {"query_id": session.state["query"]["id"]})
         assert session.respond("left").status_code == 200
-    queries, faults = table(studio, "queries"), table(studio, "faults")
+    queries, faults = table(app, "queries"), table(app, "faults")
     assert queries["trial_type"].to_list() == faults["trial_type"].to_list()
-    checks = table(studio, "checks")
+    checks = table(app, "checks")
     assert checks["repeats_query_index"].notna().sum() == REPEATS
-    assert len(table(studio, "acquired")) == QUERIES
+    assert len(table(app, "acquired")) == QUERIES

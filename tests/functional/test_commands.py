@@ -14,12 +14,12 @@ from sqlalchemy import select
 
 from app import cli
 from app.main import create_app
-from app.services import accounts
+from app.services.accounts import accounts
+from app.services.bootstrap import open_app
 from app.services.export import ZIPPED
-from app.services.settings import Settings
-from app.services.studio import open_studio
+from app.services.runtime.settings import Settings
 from app.storage.database import Database
-from app.storage.tables import Acquired, PreferenceRow, QueryRow
+from app.storage.models.studies import Acquired, PreferenceRow, QueryRow
 from tests.conftest import Idle, StudyShelf, write_study
 from tests.videos import write as write_video
 
@@ -73,11 +73,9 @@ def pbpo(
 @pytest.fixture
 def stocked(pbpo: Run, study_shelf: StudyShelf, tmp_path: Path, media_dir: Path) -> Run:
     """The same with an open study, `short`, whose model chooses queries after two answers."""
-    studio = open_studio(
-        Settings(data_dir=tmp_path / "data", media_dir=media_dir), background=Idle(1)
-    )
-    study_shelf.put_into(studio, LEARNING_PLAN)
-    studio.close()
+    app = open_app(Settings(data_dir=tmp_path / "data", media_dir=media_dir), background=Idle(1))
+    study_shelf.put_into(app, LEARNING_PLAN)
+    app.close()
     return pbpo
 
 
@@ -305,8 +303,8 @@ def test_simulated_sessions_are_walked_exported_and_replayed(stocked: Run, tmp_p
 def test_a_replay_finds_a_query_that_was_changed(stocked: Run, tmp_path: Path) -> None:
     stocked("simulate", "short", "--evaluator", "certain")
     database = Database(Settings(data_dir=tmp_path / "data").url)
-    with database.write() as session:
-        query = session.scalars(select(QueryRow).order_by(QueryRow.id).offset(4)).first()
+    with database.write() as db:
+        query = db.scalars(select(QueryRow).order_by(QueryRow.id).offset(4)).first()
         assert query is not None
         query.left_candidate = next(
             index
@@ -323,9 +321,9 @@ def test_a_replay_finds_a_query_that_was_changed(stocked: Run, tmp_path: Path) -
 def test_a_replay_finds_what_responses_do_not_teach(stocked: Run, tmp_path: Path) -> None:
     stocked("simulate", "short", "--evaluator", "certain")
     database = Database(Settings(data_dir=tmp_path / "data").url)
-    with database.write() as session:
-        taught = session.scalars(select(PreferenceRow).order_by(PreferenceRow.id)).first()
-        acquired = session.scalars(select(Acquired).order_by(Acquired.id)).first()
+    with database.write() as db:
+        taught = db.scalars(select(PreferenceRow).order_by(PreferenceRow.id)).first()
+        acquired = db.scalars(select(Acquired).order_by(Acquired.id)).first()
         assert taught is not None
         assert acquired is not None
         as_taught = _told(taught)
@@ -335,7 +333,7 @@ def test_a_replay_finds_what_responses_do_not_teach(stocked: Run, tmp_path: Path
         acquired.candidate += 1
         # After the last query: no response can have taught it.
         beyond = Acquired(trial_id=acquired.trial_id, query_index=99, candidate=1)
-        session.add(beyond)
+        db.add(beyond)
     database.close()
     said = stocked("replay", "short")
     assert said.status == 1
@@ -361,18 +359,16 @@ def test_the_command_and_the_page_export_the_same_bytes(
     stocked("simulate", "short")
     out = tmp_path / "out"
     stocked("export", "short", "--out", out, "--mode", "simulated")
-    studio = open_studio(
-        Settings(data_dir=tmp_path / "data", media_dir=media_dir), background=Idle(1)
-    )
-    token = accounts.create_api_token(studio, accounts.create(studio, EMAIL, PASSWORD), "test")
-    with Api(create_app(studio=studio)) as api:
+    app = open_app(Settings(data_dir=tmp_path / "data", media_dir=media_dir), background=Idle(1))
+    token = accounts.create_api_token(app, accounts.create(app, EMAIL, PASSWORD), "test")
+    with Api(create_app(app=app)) as api:
         for path in out.iterdir():
             page = api.get(
                 f"/api/v1/studies/short/export/{path.name}?mode=simulated",
                 headers={"Authorization": f"Bearer {token}"},
             )
             assert page.content == path.read_bytes(), path.name
-    studio.close()
+    app.close()
 
 
 def test_a_study_without_scores_cannot_be_simulated(pbpo: Run, tmp_path: Path) -> None:

@@ -9,32 +9,34 @@ from pathlib import Path
 
 import pytest
 
-from app.services import reporting, studies, withdrawal
-from app.services.export.columns import Request
-from app.services.reporting.blocks import Table
-from app.services.studies import StudyInfo
-from app.services.studio import Studio
+from app.services import reporting
+from app.services.context import AppContext
+from app.services.export.table import Request
+from app.services.reporting.document import Table
+from app.services.sessions import withdrawal
+from app.services.studies import repository
+from app.services.studies.repository import StudyInfo
 from tests.conftest import Clock, database_file
 
 from .client import Api, Session
 from .test_revised_texts import revise
 
 
-def tables(studio: Studio) -> dict[str, list[tuple[str, ...]]]:
-    report = reporting.describe(studio, Request(studies.find(studio, "short")))
+def tables(app: AppContext) -> dict[str, list[tuple[str, ...]]]:
+    report = reporting.describe(app, Request(repository.find(app, "short")))
     return {b.caption: list(b.rows) for b in report.blocks if isinstance(b, Table)}
 
 
 @pytest.fixture
 def renewed(
-    client: Api, studio: Studio, short_study: StudyInfo, clock: Clock, tmp_path: Path
+    client: Api, app: AppContext, short_study: StudyInfo, clock: Clock, tmp_path: Path
 ) -> Session:
     """Two answers under the first consent, one under the second, and a query that is open."""
     session = client.start().to_first_query()
     for seconds in (0, 5):
         clock.forward(seconds)
         session.respond("left")
-    revise(studio, tmp_path / "new")
+    revise(app, tmp_path / "new")
     clock.forward(60)
     assert session.look()["stage"] == "consent"
     assert session.consent().status_code == 200
@@ -64,9 +66,9 @@ def test_every_answer_has_the_consent_and_plan_that_it_was_given_under(
 
 
 def test_the_report_counts_answers_by_the_consent_they_were_given_under(
-    client: Api, studio: Studio, renewed: Session, api_token: str
+    client: Api, app: AppContext, renewed: Session, api_token: str
 ) -> None:
-    found = tables(studio)
+    found = tables(app)
     assert [row[2:] for row in found["Plans that sessions ran under"]] == [("1", "2"), ("1", "1")]
     counted = {row[0]: row[1:] for row in found["Consents that were agreed to"]}
     first, second = client.table("consents", api_token)["consent_version"]
@@ -82,10 +84,10 @@ def test_an_undone_answer_is_given_again_under_the_consent_of_that_time(
 
 
 def test_agreements_go_with_their_session(
-    client: Api, studio: Studio, renewed: Session, api_token: str
+    client: Api, app: AppContext, renewed: Session, api_token: str
 ) -> None:
     assert len(client.table("consents", api_token)) == 2
-    withdrawal.withdraw_and_delete(studio, renewed.token)
+    withdrawal.withdraw_and_delete(app, renewed.token)
     assert client.table("consents", api_token).empty
     assert client.table("queries", api_token).empty
 
@@ -100,12 +102,12 @@ def test_nobody_who_declined_is_in_the_table_of_consents(
 @pytest.mark.sqlite
 @pytest.mark.parametrize("renewals", [1, 2])
 def test_of_older_data_what_is_known_is_kept_and_what_is_not_is_left_open(
-    client: Api, studio: Studio, renewed: Session, api_token: str, renewals: int
+    client: Api, app: AppContext, renewed: Session, api_token: str, renewals: int
 ) -> None:
     """The former version had left the former consent in an event, and no times."""
     before = client.table("queries", api_token).sort_values("query_index")
     first, second = client.table("consents", api_token)["consent_version"]
-    with closing(sqlite3.connect(database_file(studio.settings))) as file, file:
+    with closing(sqlite3.connect(database_file(app.settings))) as file, file:
         file.execute("DROP TABLE consents")
         file.execute("DROP TABLE declined_counts")
         file.execute("UPDATE alembic_version SET version_num = '0005'")
@@ -119,7 +121,7 @@ def test_of_older_data_what_is_known_is_kept_and_what_is_not_is_left_open(
         from alembic.operations import Operations
         from sqlalchemy import create_engine
 
-        engine = create_engine(f"sqlite:///{database_file(studio.settings)}")
+        engine = create_engine(f"sqlite:///{database_file(app.settings)}")
         file.commit()
         with engine.begin() as connection:
             with Operations.context(MigrationContext.configure(connection)) as op:

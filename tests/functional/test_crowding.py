@@ -5,11 +5,12 @@ from __future__ import annotations
 import pytest
 from sqlalchemy import func, select
 
-from app.services import entry_links, periodic_tasks, unconsented
-from app.services.studies import StudyInfo
-from app.services.studio import Studio
-from app.storage.arrivals import Tombstone
-from app.storage.tables import Identity, Participant, SessionRow
+from app.services.arrival import entry_links
+from app.services.context import AppContext
+from app.services.maintenance import abandoned_sessions, periodic_tasks
+from app.services.studies.repository import StudyInfo
+from app.storage.models.arrivals import Tombstone
+from app.storage.models.studies import Identity, Participant, SessionRow
 from tests.conftest import Clock
 
 from .client import Api
@@ -24,15 +25,15 @@ CONSENT = "Before you take part"
 
 
 @pytest.fixture(autouse=True)
-def _room_for_three(studio: Studio) -> None:
+def _room_for_three(app: AppContext) -> None:
     # Settings do not change once read; a test's studio may have others.
-    settings = studio.settings.model_copy(update={"begun_per_hour": 3})
-    object.__setattr__(studio, "settings", settings)
+    settings = app.settings.model_copy(update={"begun_per_hour": 3})
+    object.__setattr__(app, "settings", settings)
 
 
-def rows(studio: Studio, table: type) -> int:
-    with studio.database.read() as session:
-        return session.scalar(select(func.count()).select_from(table)) or 0
+def rows(app: AppContext, table: type) -> int:
+    with app.database.read() as db:
+        return db.scalar(select(func.count()).select_from(table)) or 0
 
 
 def test_a_stranger_who_begins_sessions_and_leaves_them_is_told_when_to_come_back(
@@ -84,7 +85,7 @@ def test_who_deletes_what_they_began_keeps_newcomers_out_until_the_day_is_over(
 
 
 def test_a_newcomer_gets_a_page_that_says_when_to_come_back_and_those_inside_go_on(
-    client: Api, studio: Studio, short_study: StudyInfo
+    client: Api, app: AppContext, short_study: StudyInfo
 ) -> None:
     page = client.get("/s/short")
     inside = [client.start() for _ in range(3)]
@@ -95,7 +96,7 @@ def test_a_newcomer_gets_a_page_that_says_when_to_come_back_and_those_inside_go_
     # Whoever has read the consent meanwhile is told the same.
     agreed = client.post("/s/short/consent", data={"version": version(page)})
     assert (agreed.status_code, agreed.headers["location"]) == (303, "/s/short")
-    assert rows(studio, SessionRow) == 3
+    assert rows(app, SessionRow) == 3
     assert inside[0].consent().status_code == 200
 
 
@@ -109,19 +110,19 @@ def test_an_experimenter_begins_as_many_as_they_like(
 
 
 def test_single_use_links_are_their_own_bound(
-    client: Api, studio: Studio, recruit: Recruit
+    client: Api, app: AppContext, recruit: Recruit
 ) -> None:
     recruit("recruitment: {links: single-use}\n")
-    for path in entry_links.create(studio, "short", 4):
+    for path in entry_links.create(app, "short", 4):
         client.start(entry=path.rpartition("=")[2])
-    assert rows(studio, SessionRow) == 4
+    assert rows(app, SessionRow) == 4
 
 
 PROLIFIC = "recruitment: {platform: prolific, codes: {completed: C1}}\n"
 
 
 def test_a_flood_at_the_open_door_keeps_out_nobody_whom_a_platform_sends(
-    client: Api, studio: Studio, recruit: Recruit
+    client: Api, app: AppContext, recruit: Recruit
 ) -> None:
     recruit(PROLIFIC)
     for _ in range(3):
@@ -136,10 +137,12 @@ def test_a_flood_at_the_open_door_keeps_out_nobody_whom_a_platform_sends(
     path = "/s/short/consent?PROLIFIC_PID=5f0c"
     agreed = client.post(path, data={"version": version(page)})
     assert (agreed.status_code, agreed.headers["location"]) == (303, "/s/short")
-    assert rows(studio, SessionRow) == 4
+    assert rows(app, SessionRow) == 4
 
 
-def test_a_flood_of_made_up_ids_ends_as_well(client: Api, studio: Studio, recruit: Recruit) -> None:
+def test_a_flood_of_made_up_ids_ends_as_well(
+    client: Api, app: AppContext, recruit: Recruit
+) -> None:
     recruit(PROLIFIC)
     for number in range(6):
         client.start(external_ids={"PROLIFIC_PID": f"5f{number}"})
@@ -149,7 +152,7 @@ def test_a_flood_of_made_up_ids_ends_as_well(client: Api, studio: Studio, recrui
 
 
 def test_sessions_that_never_came_to_consent_are_gone_after_a_day(
-    client: Api, studio: Studio, recruit: Recruit, clock: Clock
+    client: Api, app: AppContext, recruit: Recruit, clock: Clock
 ) -> None:
     recruit(PROLIFIC)
     left = client.start(external_ids={"PROLIFIC_PID": "5f0c"})
@@ -157,41 +160,41 @@ def test_sessions_that_never_came_to_consent_are_gone_after_a_day(
     agreed.consent()
     clock.forward(DAY - 1)
     client.start()
-    assert unconsented.count(studio) == 0
+    assert abandoned_sessions.count(app) == 0
     clock.forward(1)
-    assert unconsented.count(studio) == 1
-    periodic_tasks.run_all(studio)
-    assert (rows(studio, SessionRow), rows(studio, Participant)) == (2, 2)
-    assert (rows(studio, Identity), rows(studio, Tombstone)) == (0, 0)
+    assert abandoned_sessions.count(app) == 1
+    periodic_tasks.run_all(app)
+    assert (rows(app, SessionRow), rows(app, Participant)) == (2, 2)
+    assert (rows(app, Identity), rows(app, Tombstone)) == (0, 0)
     answer = client.get("/api/v1/session", headers=left.headers)
     assert answer.status_code == 401
     assert agreed.look()["stage"] != "consent"
 
 
 def test_a_person_with_another_session_stays(
-    client: Api, studio: Studio, recruit: Recruit, clock: Clock
+    client: Api, app: AppContext, recruit: Recruit, clock: Clock
 ) -> None:
     recruit("recruitment: {platform: prolific, codes: {completed: C1}, returning: again}\n")
     person = {"PROLIFIC_PID": "5f0c"}
     client.start(external_ids=person).to_stage("withdrawn", clock.forward)
     client.start(external_ids=person)
     clock.forward(DAY)
-    assert unconsented.sweep(studio) == 1
-    assert (rows(studio, SessionRow), rows(studio, Participant)) == (1, 1)
-    assert rows(studio, Identity) == 1
+    assert abandoned_sessions.sweep(app) == 1
+    assert (rows(app, SessionRow), rows(app, Participant)) == (1, 1)
+    assert rows(app, Identity) == 1
 
 
 def test_a_sweep_goes_by_batches_and_can_be_stopped(
     client: Api,
-    studio: Studio,
+    app: AppContext,
     short_study: StudyInfo,
     clock: Clock,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(unconsented, "_AT_ONCE", 2)
+    monkeypatch.setattr(abandoned_sessions, "_AT_ONCE", 2)
     for _ in range(3):
         client.start()
     clock.forward(DAY)
     asked = iter([False, True])
-    assert unconsented.sweep(studio, lambda: next(asked)) == 2
-    assert unconsented.sweep(studio) == 1
+    assert abandoned_sessions.sweep(app, lambda: next(asked)) == 2
+    assert abandoned_sessions.sweep(app) == 1

@@ -12,9 +12,9 @@ from aiohttp import web
 from aiohttp.test_utils import TestServer
 from sqlalchemy import delete, update
 
-from app.services.studies import StudyInfo
-from app.services.studio import Studio
-from app.storage.tables import QueryRow, Response
+from app.services.context import AppContext
+from app.services.studies.repository import StudyInfo
+from app.storage.models.studies import QueryRow, Response
 from tests.load.crowd import Evaluator, Habits, Log, RefusedError
 from tests.load.stored import errors_in, faults_in
 
@@ -22,7 +22,7 @@ from .client import Api
 
 
 def test_what_was_acknowledged_is_looked_for_and_what_nobody_was_told_of_is_seen(
-    client: Api, studio: Studio, short_study: StudyInfo
+    client: Api, app: AppContext, short_study: StudyInfo
 ) -> None:
     session = client.start().to_first_query()
     told = []
@@ -33,19 +33,19 @@ def test_what_was_acknowledged_is_looked_for_and_what_nobody_was_told_of_is_seen
 
     def found(acknowledged: list[tuple[str, str]], *, in_hand: bool = False) -> str:
         log = Log(acknowledged={session.token: acknowledged})
-        return "; ".join(faults_in(studio, "short", log, on_its_way if in_hand else set()))
+        return "; ".join(faults_in(app, "short", log, on_its_way if in_hand else set()))
 
     assert found(told) == ""
     assert found(told[:2], in_hand=True) == ""
     assert "1 responses are stored that nobody was told of" in found(told[:2])
     assert "1 acknowledged responses are not stored" in found([*told[:2], (told[2][0], "right")])
 
-    with studio.database.write() as row:
+    with app.database.write() as row:
         query = QueryRow.public_id == told[0][0]
         left, right = QueryRow.left_candidate, QueryRow.right_candidate
         row.execute(update(QueryRow).where(query).values({left: right, right: left}))
     assert "queries are not what their history says" in found(told)
-    with studio.database.write() as row:
+    with app.database.write() as row:
         row.execute(delete(Response))
     assert "3 acknowledged responses are not stored" in found(told)
 

@@ -20,16 +20,17 @@ from scipy.stats import ttest_ind
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
-from app.services import accounts, audit, export, reporting
-from app.services.accounts import Role
-from app.services.errors import ConflictError
+from app.services import export, reporting
+from app.services.accounts import accounts, audit_log
+from app.services.accounts.accounts import Role
+from app.services.context import AppContext
 from app.services.export import File, Request
-from app.services.export.record import EXPORTED, IDENTITIES, REPORTED
-from app.services.quality import Flag
-from app.services.reporting.blocks import Figure, Table
-from app.services.studies import StudyInfo
-from app.services.studio import Studio
-from app.storage.tables import SessionRow
+from app.services.export.provenance import EXPORTED, IDENTITIES, REPORTED
+from app.services.monitoring.data_quality import Flag
+from app.services.reporting.document import Figure, Table
+from app.services.runtime.errors import ConflictError
+from app.services.studies.repository import StudyInfo
+from app.storage.models.studies import SessionRow
 from tests.conftest import Clock, StudyShelf
 from tests.databases import Databases
 
@@ -52,7 +53,7 @@ def people() -> TwoPeople:
 class Data:
     """The study of two people, as an experimenter's program and browser reach it."""
 
-    studio: Studio
+    app: AppContext
     study: StudyInfo
     client: Api
     api_token: str
@@ -66,21 +67,21 @@ class Data:
         assert answer.status_code == 200, answer.text
         return pd.read_csv(io.BytesIO(answer.content))
 
-    def trail(self, *actions: str) -> list[audit.AuditLine]:
-        return audit.trail(self.studio, "short", actions)
+    def trail(self, *actions: str) -> list[audit_log.AuditLine]:
+        return audit_log.trail(self.app, "short", actions)
 
 
 @pytest.fixture
 def data(
-    studio: Studio,
+    app: AppContext,
     client: Api,
     databases: Databases,
     study_shelf: StudyShelf,
     clock: Clock,
     people: TwoPeople,
 ) -> Data:
-    study = people.put_into(studio, client, databases, study_shelf, clock)
-    return Data(studio, study, client, people.api_token)
+    study = people.put_into(app, client, databases, study_shelf, clock)
+    return Data(app, study, client, people.api_token)
 
 
 def same(one: pd.DataFrame, other: pd.DataFrame) -> None:
@@ -240,9 +241,9 @@ def test_a_download_that_is_broken_off_is_noted_as_incomplete(data: Data) -> Non
 
 
 def write(data: Data, folder: Path, **more: Any) -> list[Path]:
-    request = export.settled(data.studio, Request(data.study))
+    request = export.settled(data.app, Request(data.study))
     files = export.FORMATS["csv"].files(request)
-    return export.write_folder(data.studio, "me", request, "csv", files, folder, **more)
+    return export.write_folder(data.app, "me", request, "csv", files, folder, **more)
 
 
 def test_a_folder_takes_a_newer_export_but_nothing_else_is_lost(data: Data, tmp_path: Path) -> None:
@@ -270,10 +271,10 @@ def test_a_folder_takes_a_newer_export_but_nothing_else_is_lost(data: Data, tmp_
 @pytest.mark.parametrize(("form", "read"), [("csv", 2), ("psych-ds", 4), ("botorch", 2)])
 def test_all_of_a_zip_is_of_one_moment(data: Data, form: str, read: int) -> None:
     session = data.client.start().to_first_query()
-    request = export.settled(data.studio, Request(data.study))
+    request = export.settled(data.app, Request(data.study))
 
     def pieces() -> Iterator[bytes]:
-        return export.zip_stream(data.studio, export.FORMATS[form].files(request))
+        return export.zip_stream(data.app, export.FORMATS[form].files(request))
 
     before = b"".join(pieces())
     begun = pieces()
@@ -284,23 +285,23 @@ def test_all_of_a_zip_is_of_one_moment(data: Data, form: str, read: int) -> None
 
 
 def test_all_of_a_folder_is_of_one_moment(data: Data, tmp_path: Path) -> None:
-    def counted(session: Session) -> Iterator[bytes]:
-        yield str(session.scalar(select(func.count(SessionRow.id)))).encode()
+    def counted(db: Session) -> Iterator[bytes]:
+        yield str(db.scalar(select(func.count(SessionRow.id)))).encode()
 
     def meanwhile(_: Session) -> Iterator[bytes]:
         data.client.start()
         yield b"somebody came"
 
     files = [File("a", counted), File("b", meanwhile), File("c", counted)]
-    request = export.settled(data.studio, Request(data.study))
-    a, _, c = export.write_folder(data.studio, "me", request, "csv", files, tmp_path)
+    request = export.settled(data.app, Request(data.study))
+    a, _, c = export.write_folder(data.app, "me", request, "csv", files, tmp_path)
     assert a.read_text() == c.read_text()
 
 
 def test_the_page_downloads_what_its_form_asks_for_and_lists_what_was_taken(
-    data: Data, studio: Studio
+    data: Data, app: AppContext
 ) -> None:
-    desk = Desk(data.client, studio, "grace@lab.example", Role.ADMIN)
+    desk = Desk(data.client, app, "grace@lab.example", Role.ADMIN)
     page = desk.get("/studies/short/data")
     assert page.status_code == 200
     assert "Nothing yet." in page.text
@@ -319,9 +320,9 @@ def test_the_page_downloads_what_its_form_asks_for_and_lists_what_was_taken(
     assert "Expected a last day on or after the first, 2026-03-02" in html.unescape(refused.text)
 
 
-def test_who_may_not_see_a_studys_data_gets_none_of_it(data: Data, studio: Studio) -> None:
-    reviewer = Desk(data.client, studio, "irb@lab.example", Role.REVIEWER)
-    stranger = Desk(data.client, studio, "eve@lab.example", Role.EXPERIMENTER)
+def test_who_may_not_see_a_studys_data_gets_none_of_it(data: Data, app: AppContext) -> None:
+    reviewer = Desk(data.client, app, "irb@lab.example", Role.REVIEWER)
+    stranger = Desk(data.client, app, "eve@lab.example", Role.EXPERIMENTER)
     for path in ("data", "data/download", "data/report.pdf"):
         assert reviewer.get(f"/studies/short/{path}").status_code == 403
         assert stranger.get(f"/studies/short/{path}").status_code == 404
@@ -329,7 +330,7 @@ def test_who_may_not_see_a_studys_data_gets_none_of_it(data: Data, studio: Studi
         assert reviewer.get(f"/api/v1/studies/short/{path}").status_code == 403
         assert stranger.get(f"/api/v1/studies/short/{path}").status_code == 404
     assert data.trail(*export.ACTIONS) == []
-    assert accounts.find(studio, "eve@lab.example").role is Role.EXPERIMENTER
+    assert accounts.find(app, "eve@lab.example").role is Role.EXPERIMENTER
 
 
 def tables_of(report: reporting.Report) -> dict[str, dict[str, tuple[str, ...]]]:
@@ -342,8 +343,8 @@ def tables_of(report: reporting.Report) -> dict[str, dict[str, tuple[str, ...]]]
 
 
 def test_the_reports_numbers_are_those_of_the_tables(data: Data) -> None:
-    request = export.settled(data.studio, Request(data.study, completed=True))
-    found = tables_of(reporting.describe(data.studio, request))
+    request = export.settled(data.app, Request(data.study, completed=True))
+    found = tables_of(reporting.describe(data.app, request))
     sessions = data.table("sessions")
     queries = data.table("queries", completed="true")
     flow = {
@@ -386,7 +387,7 @@ def test_the_tests_of_a_report_are_those_of_scipy(data: Data, clock: Clock) -> N
         ]
     )
     samples = scores[last["candidate"]].groupby(last["condition"].to_numpy()).apply(list)
-    report = reporting.describe(data.studio, Request(data.study))
+    report = reporting.describe(data.app, Request(data.study))
     said = " ".join(getattr(block, "text", "") for block in report.blocks)
     for condition, values in samples.items():
         assert f"{condition} {sum(values) / 2:.1f} (2 trials)" in said
@@ -401,7 +402,7 @@ def test_the_tests_of_a_report_are_those_of_scipy(data: Data, clock: Clock) -> N
 
 
 def test_a_report_is_html_and_pdf_of_one_description_and_the_same_each_time(
-    data: Data, studio: Studio
+    data: Data, app: AppContext
 ) -> None:
     page, file = data.get("report.html"), data.get("report.pdf")
     assert page.headers["content-security-policy"].startswith("sandbox; default-src 'none';")
@@ -410,7 +411,7 @@ def test_a_report_is_html_and_pdf_of_one_description_and_the_same_each_time(
         data.get("report.html").content,
         data.get("report.pdf").content,
     )
-    report = reporting.describe(studio, Request(data.study))
+    report = reporting.describe(app, Request(data.study))
     with pypdfium2.PdfDocument(file.content) as opened:
         assert opened.get_metadata_dict()["Title"] == "A short study"
         text = " ".join(sheet.get_textpage().get_text_range() for sheet in opened)
@@ -430,15 +431,15 @@ def test_a_report_is_html_and_pdf_of_one_description_and_the_same_each_time(
     assert [line.details["format"] for line in data.trail(REPORTED)] == ["report"] * 4
 
 
-def test_a_report_on_nobody_says_so(data: Data, studio: Studio) -> None:
-    request = export.settled(studio, Request(data.study, since=date(2030, 1, 1)))
-    report = reporting.describe(studio, request)
+def test_a_report_on_nobody_says_so(data: Data, app: AppContext) -> None:
+    request = export.settled(app, Request(data.study, since=date(2030, 1, 1)))
+    report = reporting.describe(app, request)
     assert not [block for block in report.blocks if isinstance(block, Figure)]
     assert b"nobody came yet" in reporting.html(report)
     assert reporting.pdf(report).startswith(b"%PDF-")
 
 
-def test_a_text_that_looks_like_markup_stays_a_text(data: Data, studio: Studio) -> None:
+def test_a_text_that_looks_like_markup_stays_a_text(data: Data, app: AppContext) -> None:
     nasty = '<script>alert(1)</script> #panic("typst") *x* $y$ \\'
     made = reporting.Report(nasty, nasty, [Table(nasty, (nasty,), [(nasty,)])])
     assert b"<script" not in reporting.html(made)

@@ -7,9 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from app.services import deleted_studies, lifecycle, periodic_tasks, studies
-from app.services.studio import Studio
-from app.storage.arrivals import DeletedSession, DeletedStudy
+from app.services.context import AppContext
+from app.services.maintenance import periodic_tasks
+from app.services.studies import deleted_studies, lifecycle, repository
+from app.storage.models.arrivals import DeletedSession, DeletedStudy
 from tests.conftest import Clock
 
 from .client import Api, Session
@@ -30,16 +31,16 @@ def inside(client: Api, recruit: Recruit) -> Session:
     return client.start(external_ids={"PROLIFIC_PID": "5f0c1ada"}).to_first_query()
 
 
-def delete(studio: Studio, slug: str = "short") -> None:
-    studies.close_study(studio, slug)
-    lifecycle.delete(studio, slug, typed=slug)
+def delete(app: AppContext, slug: str = "short") -> None:
+    repository.close_study(app, slug)
+    lifecycle.delete(app, slug, typed=slug)
 
 
 @pytest.mark.parametrize("page", ["", "/withdraw", "/delete", "/privacy", "/deleted", "?lang=en"])
 def test_every_page_of_a_deleted_study_says_so(
-    client: Api, studio: Studio, inside: Session, page: str
+    client: Api, app: AppContext, inside: Session, page: str
 ) -> None:
-    delete(studio)
+    delete(app)
     client.cookies.set(COOKIE, inside.token)
     answer = client.get(f"/s/short{page}", follow_redirects=True)
     assert (answer.status_code, heading(answer)) == (410, GONE)
@@ -53,19 +54,19 @@ def test_every_page_of_a_deleted_study_says_so(
 
 @pytest.mark.parametrize("form", ["consent", "continue", "withdraw", "delete", "decline"])
 def test_a_form_of_a_deleted_study_ends_there_too(
-    client: Api, studio: Studio, inside: Session, form: str
+    client: Api, app: AppContext, inside: Session, form: str
 ) -> None:
-    delete(studio)
+    delete(app)
     data = {"version": "1", "receipt": "7KQ2-MXRD-9FWT-4BHC"}
     answer = client.post(f"/s/short/{form}", data=data, follow_redirects=True)
     assert (answer.status_code, heading(answer)) == (410, GONE)
 
 
 def test_calls_are_told_and_whoever_was_inside_has_the_code(
-    client: Api, studio: Studio, inside: Session
+    client: Api, app: AppContext, inside: Session
 ) -> None:
     url = inside.state["query"]["left"]["url"]
-    delete(studio)
+    delete(app)
     body = {"query_id": inside.state["query"]["id"], "response": "left", "rt_ms": 1}
     by_cookie = {"PBPO-Study": "short"}
     client.cookies.set(COOKIE, inside.token)
@@ -84,9 +85,9 @@ def test_calls_are_told_and_whoever_was_inside_has_the_code(
     assert client.get(url).status_code == 410
 
 
-def test_nothing_else_is_told_of_it(client: Api, studio: Studio, inside: Session) -> None:
+def test_nothing_else_is_told_of_it(client: Api, app: AppContext, inside: Session) -> None:
     assert client.get("/s/never").status_code == 404
-    delete(studio)
+    delete(app)
     assert client.get("/s/never").status_code == 404
     assert client.get("/api/v1/session").status_code == 401
     unknown = client.get("/api/v1/session", headers={"Authorization": "Bearer nobody"})
@@ -96,10 +97,10 @@ def test_nothing_else_is_told_of_it(client: Api, studio: Studio, inside: Session
 
 
 def test_those_who_had_left_by_themselves_are_owed_nothing(
-    client: Api, studio: Studio, inside: Session
+    client: Api, app: AppContext, inside: Session
 ) -> None:
     inside.call("withdraw")
-    delete(studio)
+    delete(app)
     client.cookies.set(COOKIE, inside.token)
     page = client.get("/s/short")
     assert (page.status_code, heading(page)) == (410, GONE)
@@ -107,36 +108,36 @@ def test_those_who_had_left_by_themselves_are_owed_nothing(
 
 
 def test_a_draft_that_is_thrown_away_leaves_nothing(
-    client: Api, studio: Studio, tmp_path: Path
+    client: Api, app: AppContext, tmp_path: Path
 ) -> None:
-    studies.create(studio, studies.load_folder(str(write_own_study(tmp_path / "kettles"))))
-    lifecycle.delete(studio, "kettles")
-    assert rows(studio, DeletedStudy) == 0
+    repository.create(app, repository.load_folder(str(write_own_study(tmp_path / "kettles"))))
+    lifecycle.delete(app, "kettles")
+    assert rows(app, DeletedStudy) == 0
     assert client.get("/s/kettles").status_code == 404
 
 
 def test_a_slug_can_be_used_anew_and_deleted_again(
-    client: Api, studio: Studio, tmp_path: Path
+    client: Api, app: AppContext, tmp_path: Path
 ) -> None:
-    folder = studies.load_folder(str(write_own_study(tmp_path / "kettles")))
+    folder = repository.load_folder(str(write_own_study(tmp_path / "kettles")))
     for _ in range(2):
-        studies.create(studio, folder)
-        studies.open_study(studio, "kettles")
+        repository.create(app, folder)
+        repository.open_study(app, "kettles")
         assert client.get("/s/kettles").status_code == 200
         client.start("kettles").to_first_query()
-        delete(studio, "kettles")
+        delete(app, "kettles")
         assert client.get("/s/kettles").status_code == 410
-    assert rows(studio, DeletedStudy) == 1
+    assert rows(app, DeletedStudy) == 1
 
 
 def test_whose_sessions_they_were_is_forgotten_after_a_month(
-    client: Api, studio: Studio, inside: Session, clock: Clock
+    client: Api, app: AppContext, inside: Session, clock: Clock
 ) -> None:
-    delete(studio)
-    assert rows(studio, DeletedSession) == 1
+    delete(app)
+    assert rows(app, DeletedSession) == 1
     clock.forward(timedelta(days=29).total_seconds())
-    assert deleted_studies.sweep(studio) == 0
+    assert deleted_studies.sweep(app) == 0
     clock.forward(timedelta(days=2).total_seconds())
-    periodic_tasks.run_all(studio)
-    assert (rows(studio, DeletedSession), rows(studio, DeletedStudy)) == (0, 1)
+    periodic_tasks.run_all(app)
+    assert (rows(app, DeletedSession), rows(app, DeletedStudy)) == (0, 1)
     assert client.get("/s/short").status_code == 410

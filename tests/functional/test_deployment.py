@@ -12,9 +12,9 @@ from typing import Any
 import pytest
 import yaml
 
-from app.services.errors import ConflictError
-from app.services.settings import SECRETS_DIR, Settings
-from app.services.stores.opening import OWN_AT_PROXY, RENDERED_AT_PROXY
+from app.services.recordings.stores.factory import OWN_AT_PROXY, RENDERED_AT_PROXY
+from app.services.runtime.errors import ConflictError
+from app.services.runtime.settings import SECRETS_DIR, Settings
 from app.storage.schema import migrate
 from app.video.limits import PROBING, TRANSCODING
 from tests.databases import PostgresServer

@@ -10,11 +10,12 @@ import pytest
 
 from app.main import create_app
 from app.pbbo import METHODS, allows_skip
-from app.services import accounts
-from app.services.background import Background
-from app.services.settings import Settings
-from app.services.studio import Studio, open_studio
-from app.study import consistency
+from app.services.accounts import accounts
+from app.services.background.interface import Background
+from app.services.bootstrap import open_app
+from app.services.context import AppContext
+from app.services.runtime.settings import Settings
+from app.study import plan_validation
 from tests.conftest import Clock, Idle, NoRendering, StudyShelf
 from tests.databases import Databases
 
@@ -39,14 +40,14 @@ def walked(
     """The tables of a new studio in which one session of this seed went to the end."""
     clock = Clock()
     settings = Settings(data_dir=media_dir, media_dir=media_dir, database_url=database_url)
-    studio: Studio = open_studio(settings, now=clock.now, seed=lambda: seed, background=background)
-    shelf.put_into(studio, LEARNING_PLAN)
-    token = accounts.create_api_token(studio, accounts.create(studio, EMAIL, PASSWORD), "tests")
-    with Api(create_app(studio=studio)) as api:
+    app: AppContext = open_app(settings, now=clock.now, seed=lambda: seed, background=background)
+    shelf.put_into(app, LEARNING_PLAN)
+    token = accounts.create_api_token(app, accounts.create(app, EMAIL, PASSWORD), "tests")
+    with Api(create_app(app=app)) as api:
         api.start().to_the_end(by_turns("left", "skip", "right"), clock.forward)
         names = ("queries", "preferences", "acquired")
         tables = {name: api.table(name, token) for name in names}
-    studio.close()
+    app.close()
     return tables
 
 
@@ -66,16 +67,16 @@ def test_two_studios_ask_the_same_of_the_same_session(
 
 
 def test_the_rules_of_a_study_know_the_methods_that_there_are() -> None:
-    assert [method.name for method in consistency.METHODS] == list(METHODS)
-    for method in consistency.METHODS:
+    assert [method.name for method in plan_validation.METHODS] == list(METHODS)
+    for method in plan_validation.METHODS:
         assert method.allows_skip == allows_skip(method.name), method.name
 
 
 def test_recordings_are_drawn_among_all_of_a_candidate(
-    client: Api, studio: Studio, study_shelf: StudyShelf, clock: Clock
+    client: Api, app: AppContext, study_shelf: StudyShelf, clock: Clock
 ) -> None:
-    study_shelf.put_into(studio, LEARNING_PLAN)
-    token = accounts.create_api_token(studio, accounts.create(studio, EMAIL, PASSWORD), "tests")
+    study_shelf.put_into(app, LEARNING_PLAN)
+    token = accounts.create_api_token(app, accounts.create(app, EMAIL, PASSWORD), "tests")
     for _ in range(2):
         client.start().to_the_end(by_turns("left"), clock.forward)
     queries = client.table("queries", token)

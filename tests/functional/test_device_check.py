@@ -6,9 +6,9 @@ from typing import Any
 
 import pytest
 
-from app.services import studies
-from app.services.studies import StudyInfo
-from app.services.studio import Studio
+from app.services.context import AppContext
+from app.services.studies import repository
+from app.services.studies.repository import StudyInfo
 from tests.conftest import SHORT_PLAN, StudyShelf
 
 from .client import Api, Session
@@ -19,9 +19,9 @@ GOOD = {"width_px": 1280, "played": True, "mbit_s": 12.5}
 
 
 @pytest.fixture
-def checking_study(studio: Studio, study_shelf: StudyShelf) -> StudyInfo:
-    study_shelf.put_into(studio, CHECKING_PLAN)
-    return studies.find(studio, "short")
+def checking_study(app: AppContext, study_shelf: StudyShelf) -> StudyInfo:
+    study_shelf.put_into(app, CHECKING_PLAN)
+    return repository.find(app, "short")
 
 
 def to_the_check(client: Api) -> Session:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from app.services.settings import Settings
+from app.services.runtime.settings import Settings
 
 ROOT = Path(__file__).parents[2]
 MARKED = re.compile(r"<!-- settings: [^\n]*-->\n(.*?)<!-- end of settings -->", re.DOTALL)

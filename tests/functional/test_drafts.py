@@ -6,10 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from app.services import lifecycle, pilots, slugs, studies
-from app.services.errors import ConflictError, NotFoundError
-from app.services.studies import StudyInfo
-from app.services.studio import Studio
+from app.services.arrival import pilot_links
+from app.services.context import AppContext
+from app.services.runtime.errors import ConflictError, NotFoundError
+from app.services.studies import lifecycle, repository, slugs
+from app.services.studies.repository import StudyInfo
 from tests.conftest import SHORT_PLAN, write_study
 
 from .client import Api
@@ -20,8 +21,10 @@ DRAFT_TITLE = "A short study"
 
 
 @pytest.fixture
-def draft(studio: Studio, tmp_path: Path) -> StudyInfo:
-    return studies.create(studio, studies.load_folder(str(write_study(tmp_path / "d", DRAFT_PLAN))))
+def draft(app: AppContext, tmp_path: Path) -> StudyInfo:
+    return repository.create(
+        app, repository.load_folder(str(write_study(tmp_path / "d", DRAFT_PLAN)))
+    )
 
 
 def test_an_experimenter_goes_through_a_draft_and_its_data_stays_out_of_results(
@@ -39,7 +42,7 @@ def test_an_experimenter_goes_through_a_draft_and_its_data_stays_out_of_results(
 
 
 def test_a_draft_made_again_takes_the_place_of_the_first(
-    studio: Studio, draft: StudyInfo, tmp_path: Path, client: Api, api_token: str
+    app: AppContext, draft: StudyInfo, tmp_path: Path, client: Api, api_token: str
 ) -> None:
     client.post(
         "/api/v1/studies/draft/sessions",
@@ -47,30 +50,30 @@ def test_a_draft_made_again_takes_the_place_of_the_first(
         headers={"Authorization": f"Bearer {api_token}"},
     )
     better = DRAFT_PLAN.replace("queries_per_trial: 4", "queries_per_trial: 5")
-    again = studies.create(
-        studio,
-        studies.load_folder(str(write_study(tmp_path / "e", better))),
+    again = repository.create(
+        app,
+        repository.load_folder(str(write_study(tmp_path / "e", better))),
         proof=slugs.Proof(is_asked=True),
     )
-    assert studies.find(studio, "draft").plan.queries_per_trial == 5
+    assert repository.find(app, "draft").plan.queries_per_trial == 5
     assert again.id != draft.id
-    assert len(studies.all_studies(studio)) == 1
+    assert len(repository.all_studies(app)) == 1
 
 
 def test_what_was_open_once_is_neither_replaced_nor_deleted(
-    studio: Studio, draft: StudyInfo, tmp_path: Path
+    app: AppContext, draft: StudyInfo, tmp_path: Path
 ) -> None:
-    studies.open_study(studio, "draft")
+    repository.open_study(app, "draft")
     with pytest.raises(ConflictError, match="expected a draft or a new slug"):
-        studies.create(studio, studies.load_folder(str(write_study(tmp_path / "e", DRAFT_PLAN))))
+        repository.create(app, repository.load_folder(str(write_study(tmp_path / "e", DRAFT_PLAN))))
     with pytest.raises(ConflictError, match="is open"):
-        lifecycle.delete(studio, "draft")
+        lifecycle.delete(app, "draft")
 
 
-def test_a_deleted_draft_is_gone(studio: Studio, draft: StudyInfo) -> None:
-    lifecycle.delete(studio, "draft")
+def test_a_deleted_draft_is_gone(app: AppContext, draft: StudyInfo) -> None:
+    lifecycle.delete(app, "draft")
     with pytest.raises(NotFoundError):
-        studies.find(studio, "draft")
+        repository.find(app, "draft")
 
 
 @pytest.mark.parametrize("prefix", ["", "/pilot"])
@@ -84,8 +87,8 @@ def test_a_drafts_title_is_not_shown_to_strangers(
 
 
 def test_a_drafts_title_is_shown_to_who_pilots_it(
-    client: Api, studio: Studio, draft: StudyInfo
+    client: Api, app: AppContext, draft: StudyInfo
 ) -> None:
-    path = pilots.path_of(draft.slug, pilots.make_link(studio, draft.slug))
+    path = pilot_links.path_of(draft.slug, pilot_links.make_link(app, draft.slug))
     for page in (path, path.replace("?", "/privacy?")):
         assert DRAFT_TITLE in client.get(page).text

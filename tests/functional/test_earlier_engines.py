@@ -6,9 +6,9 @@ import pytest
 from sqlalchemy import select, update
 
 from app.pbbo import ENGINE_VERSION, Settings
-from app.services import replay
-from app.services.studio import Studio
-from app.storage.tables import QueryRow, Trial
+from app.services.context import AppContext
+from app.services.sessions import replay
+from app.storage.models.studies import QueryRow, Trial
 from tests.conftest import SHORT_PLAN, Clock, StudyShelf
 
 from .client import Api
@@ -26,10 +26,10 @@ PLAN = SHORT_PLAN.replace(
 )
 
 
-def asked(studio: Studio) -> list[tuple[str, str]]:
+def asked(app: AppContext) -> list[tuple[str, str]]:
     """Engine and acquisition of every query of the threshold's trials, in order."""
-    with studio.database.read() as session:
-        rows = session.execute(
+    with app.database.read() as db:
+        rows = db.execute(
             select(QueryRow.engine_version, QueryRow.acquisition)
             .join(Trial, QueryRow.trial_id == Trial.id)
             .where(Trial.method == "pbpo-threshold")
@@ -40,27 +40,25 @@ def asked(studio: Studio) -> list[tuple[str, str]]:
 
 @pytest.mark.parametrize("stored", ["2", ENGINE_VERSION])
 def test_a_trial_goes_on_under_the_engine_that_it_began_under(
-    client: Api, studio: Studio, study_shelf: StudyShelf, clock: Clock, stored: str
+    client: Api, app: AppContext, study_shelf: StudyShelf, clock: Clock, stored: str
 ) -> None:
-    study_shelf.put_into(studio, PLAN)
+    study_shelf.put_into(app, PLAN)
     session = client.start().to_first_query()
-    while not asked(studio):
+    while not asked(app):
         session.step("left", clock.forward)
-    with studio.database.write() as database:
+    with app.database.write() as database:
         database.execute(update(QueryRow).values(engine_version=stored))
         seeds = frozenset(database.scalars(select(Trial.seed)))
     # What was worked out ahead was worked out before the database said so.
-    studio.proposer.evict(seeds)
+    app.proposer.evict(seeds)
 
     for _ in range(3):
         session.step("left", clock.forward)
 
     at_first = "random" if stored == "2" else "covering"
-    assert asked(studio)[1:4] == [(stored, at_first)] * 3
+    assert asked(app)[1:4] == [(stored, at_first)] * 3
     if stored == ENGINE_VERSION:
-        [threshold] = [
-            trial for trial in replay.replay(studio, "short") if trial.condition == "pbpo"
-        ]
+        [threshold] = [trial for trial in replay.replay(app, "short") if trial.condition == "pbpo"]
         assert threshold.differences == ()
 
 

@@ -16,15 +16,16 @@ import httpx
 import pytest
 from PIL import Image
 
-from app.services import accounts, audit, revision, studies
-from app.services.accounts import Role
-from app.services.background import Background
-from app.services.ethics import bundle, bundle_job, pictures, purposes
-from app.services.ethics.screens import screens
-from app.services.settings import Settings
-from app.services.state import State
-from app.services.studio import Studio
-from app.storage.tables import Base
+from app.services.accounts import accounts, audit_log
+from app.services.accounts.accounts import Role
+from app.services.background.interface import Background
+from app.services.context import AppContext
+from app.services.ethics import bundle, bundle_job, column_purposes, screenshots
+from app.services.ethics.page_states import screens
+from app.services.runtime.settings import Settings
+from app.services.sessions.state_view import State
+from app.services.studies import repository, revision
+from app.storage.models.studies import Base
 from tests.conftest import Clock
 
 from .client import Api
@@ -54,10 +55,10 @@ def settings(settings: Settings) -> Settings:
 
 
 @pytest.fixture
-def reviewer(client: Api, studio: Studio, recruit: Recruit) -> Api:
+def reviewer(client: Api, app: AppContext, recruit: Recruit) -> Api:
     recruit(FULL)
-    accounts.create(studio, EMAIL, PASSWORD)
-    accounts.create(studio, REVIEWER, PASSWORD, Role.REVIEWER)
+    accounts.create(app, EMAIL, PASSWORD)
+    accounts.create(app, REVIEWER, PASSWORD, Role.REVIEWER)
     assert sign_in(client, REVIEWER).status_code == 303
     return client
 
@@ -93,9 +94,9 @@ def test_every_stored_column_has_a_purpose() -> None:
         table.name: {column.name for column in table.columns}
         for table in Base.metadata.sorted_tables
     }
-    told = {name: set(table.purposes) for name, table in purposes.STORED.items()}
-    assert stored == told, "say in app/services/ethics/purposes.py what a new column is for"
-    for table in purposes.STORED.values():
+    told = {name: set(table.purposes) for name, table in column_purposes.STORED.items()}
+    assert stored == told, "say in app/services/ethics/column_purposes.py what a new column is for"
+    for table in column_purposes.STORED.values():
         assert all(purpose.endswith(".") for purpose in table.purposes.values())
 
 
@@ -109,7 +110,7 @@ def test_a_reviewer_reads_what_is_kept_for_how_long_and_by_whom(reviewer: Api) -
 
 
 def test_the_bundle_holds_texts_screens_fields_and_plan(
-    reviewer: Api, studio: Studio, client: Api
+    reviewer: Api, app: AppContext, client: Api
 ) -> None:
     bundle = opened(made(reviewer))
     names = bundle.namelist()
@@ -132,7 +133,7 @@ def test_the_bundle_holds_texts_screens_fields_and_plan(
         *("break", "questions-at-the-end", "debrief", "completed", "screened-out"),
         *("stopped", "declined", "privacy", "delete"),
     ]
-    assert audit.trail(studio, "short")[0].action == "ethics bundle asked for"
+    assert audit_log.trail(app, "short")[0].action == "ethics bundle asked for"
 
 
 def test_screens_stand_for_themselves_and_tell_nothing(reviewer: Api) -> None:
@@ -155,11 +156,11 @@ def test_screens_stand_for_themselves_and_tell_nothing(reviewer: Api) -> None:
 
 
 def test_the_screens_show_what_a_person_is_shown(
-    reviewer: Api, studio: Studio, clock: Clock
+    reviewer: Api, app: AppContext, clock: Clock
 ) -> None:
     """Each state of the bundle has the keys that the same stage of a real session has."""
     made_up: dict[str, State] = {}
-    for screen in screens(studio, studies.find(studio, "short"), "en"):
+    for screen in screens(app, repository.find(app, "short"), "en"):
         made_up.setdefault(screen.state["stage"], screen.state)
     session = reviewer.start(external_ids={"PROLIFIC_PID": "x"})
     seen: dict[str, State] = {}
@@ -178,16 +179,16 @@ def keys(state: State) -> set[str]:
 
 
 def test_the_same_study_gives_the_same_bytes_and_leaves_nobody(
-    reviewer: Api, studio: Studio
+    reviewer: Api, app: AppContext
 ) -> None:
     first = made(reviewer).content
     assert made(reviewer).content == first
     people = ("participants", "sessions", "trials", "queries", "identities")
-    assert not rows_of_people(studio).keys() & set(people)
+    assert not rows_of_people(app).keys() & set(people)
 
 
 def test_a_bundle_is_downloaded_once_it_was_made_by_whoever_may_see_the_design(
-    reviewer: Api, studio: Studio
+    reviewer: Api, app: AppContext
 ) -> None:
     before = reviewer.get("/studies/short/ethics")
     assert "ethics.zip" not in before.text
@@ -198,8 +199,8 @@ def test_a_bundle_is_downloaded_once_it_was_made_by_whoever_may_see_the_design(
     assert answer.headers["cache-control"] == "no-store"
     assert "The last bundle was made" in reviewer.get("/studies/short/ethics").text
     # What was laid ready for the job is gone with it.
-    folder = bundle_job.folder(studio.settings)
-    study_id = studies.find(studio, "short").id
+    folder = bundle_job.folder(app.settings)
+    study_id = repository.find(app, "short").id
     assert [path.name for path in folder.iterdir()] == [f"{study_id}.zip"]
     # It was another one's job: its progress is theirs, the bundle is everybody's who may.
     assert sign_in(reviewer, EMAIL).status_code == 303
@@ -211,7 +212,7 @@ def test_a_bundle_that_fails_is_told_and_the_former_one_stays(
 ) -> None:
     former = made(reviewer).content
     with monkeypatch.context() as patch:
-        patch.setattr(pictures, "picture_of", None)
+        patch.setattr(screenshots, "picture_of", None)
         ask(reviewer)
     page = reviewer.get("/studies/short/ethics").text
     assert "The bundle could not be made" in page
@@ -219,27 +220,27 @@ def test_a_bundle_that_fails_is_told_and_the_former_one_stays(
 
 
 def test_a_job_that_is_begun_again_at_its_very_end_leaves_the_bundle(
-    reviewer: Api, studio: Studio
+    reviewer: Api, app: AppContext
 ) -> None:
     former = made(reviewer).content
-    study_id = studies.find(studio, "short").id
+    study_id = repository.find(app, "short").id
     asked = {"laid": "gone-1", "study_id": study_id}
-    bundle_job.make_bundle(studio.settings, asked, lambda *_: None)
+    bundle_job.make_bundle(app.settings, asked, lambda *_: None)
     assert reviewer.get("/studies/short/ethics.zip").content == former
 
 
 def test_bundles_of_studies_that_are_gone_and_what_was_laid_ready_in_vain_are_removed(
-    reviewer: Api, studio: Studio, clock: Clock
+    reviewer: Api, app: AppContext, clock: Clock
 ) -> None:
     made(reviewer)
-    folder = bundle_job.folder(studio.settings)
-    study_id = studies.find(studio, "short").id
+    folder = bundle_job.folder(app.settings)
+    study_id = repository.find(app, "short").id
     (folder / f"{study_id + 1}.zip").write_bytes(b"of a study that is gone")
-    laid = bundle_job.lay_ready(studio.settings, {"plan.json": b"{}"}, 1)
-    assert bundle.sweep(studio) == 1
+    laid = bundle_job.lay_ready(app.settings, {"plan.json": b"{}"}, 1)
+    assert bundle.sweep(app) == 1
     long_ago = (clock.now() - timedelta(days=8)).timestamp()
     os.utime(folder / laid, (long_ago, long_ago))
-    assert bundle.sweep(studio) == 1
+    assert bundle.sweep(app) == 1
     assert [path.name for path in folder.iterdir()] == [f"{study_id}.zip"]
 
 
@@ -249,7 +250,7 @@ class TestWhileItIsMade:
         return Never(1)
 
     def test_its_page_shows_how_far_it_is_to_whoever_asked(
-        self, reviewer: Api, studio: Studio
+        self, reviewer: Api, app: AppContext
     ) -> None:
         ask(reviewer)
         page = reviewer.get("/studies/short/ethics").text
@@ -261,13 +262,13 @@ class TestWhileItIsMade:
 
 
 def test_texts_of_every_version_and_language_are_in_it(
-    client: Api, studio: Studio, tmp_path: Path
+    client: Api, app: AppContext, tmp_path: Path
 ) -> None:
     folder = write_own_study(tmp_path / "kettles")
-    studies.create(studio, studies.load_folder(str(folder)))
+    repository.create(app, repository.load_folder(str(folder)))
     (folder / "texts" / "en" / "consent.md").write_text("Another consent.\n")
-    revision.revise(studio, studies.load_folder(str(folder)))
-    accounts.create(studio, EMAIL, PASSWORD)
+    revision.revise(app, repository.load_folder(str(folder)))
+    accounts.create(app, EMAIL, PASSWORD)
     sign_in(client)
     bundle = opened(made(client, "kettles"))
     for version in (1, 2):
@@ -290,26 +291,26 @@ class TestWithABrowser:
         return settings.model_copy(update={"chromium": ""})
 
     def test_a_page_becomes_a_picture_once(
-        self, studio: Studio, monkeypatch: pytest.MonkeyPatch
+        self, app: AppContext, monkeypatch: pytest.MonkeyPatch
     ) -> None:
-        assert pictures.browser(studio.settings) is not None, (
+        assert screenshots.browser(app.settings) is not None, (
             "expected a Chromium (apt install chromium)"
         )
         html = (
             "<!doctype html><style>body { margin: 0; background: #fff }"
             " p { height: 900px; margin: 0; background: #123456 }</style><p>"
         )
-        taken = pictures.picture_of(studio.settings, html)
+        taken = screenshots.picture_of(app.settings, html)
         assert taken is not None
         with Image.open(io.BytesIO(taken)) as picture:
             assert picture.size == (1280, 932)
             assert picture.getpixel((640, 450)) == (0x12, 0x34, 0x56)
             assert picture.getpixel((640, 931)) == (255, 255, 255)
-        monkeypatch.setattr(pictures, "_take", None)
-        assert pictures.picture_of(studio.settings, html) == taken
+        monkeypatch.setattr(screenshots, "_take", None)
+        assert screenshots.picture_of(app.settings, html) == taken
 
     def test_a_browser_that_fails_leaves_the_pages(
-        self, studio: Studio, monkeypatch: pytest.MonkeyPatch
+        self, app: AppContext, monkeypatch: pytest.MonkeyPatch
     ) -> None:
-        monkeypatch.setattr(pictures, "browser", lambda _: "/bin/false")
-        assert pictures.picture_of(studio.settings, "<p>") is None
+        monkeypatch.setattr(screenshots, "browser", lambda _: "/bin/false")
+        assert screenshots.picture_of(app.settings, "<p>") is None

@@ -6,7 +6,7 @@ from typing import Any
 
 import pandas as pd
 
-from app.services.studies import StudyInfo
+from app.services.studies.repository import StudyInfo
 
 from .client import Api
 

@@ -7,10 +7,10 @@ import re
 import httpx
 import pytest
 
-from app.services import studies
+from app.services.context import AppContext
 from app.services.export import TABLES
-from app.services.studies import StudyInfo
-from app.services.studio import Studio
+from app.services.studies import repository
+from app.services.studies.repository import StudyInfo
 from tests.conftest import Clock
 
 from .client import Api
@@ -171,22 +171,22 @@ def test_every_table_that_the_page_links_to_can_be_downloaded(signed_in: Api) ->
 
 
 def test_a_study_is_closed_and_opened_by_forms_of_our_own_page(
-    signed_in: Api, studio: Studio
+    signed_in: Api, app: AppContext
 ) -> None:
     csrf = {"csrf_token": form_token(signed_in.get("/studies/short"))}
     assert signed_in.post("/studies/short/close", data={"csrf_token": "0"}).status_code == 403
-    assert studies.find(studio, "short").status == "open"
+    assert repository.find(app, "short").status == "open"
     for action, status in (("close", "closed"), ("open", "open"), ("open", "open")):
         assert signed_in.post(f"/studies/short/{action}", data=csrf).status_code == 303
-        assert studies.find(studio, "short").status == status
+        assert repository.find(app, "short").status == status
 
 
 def test_nobody_but_an_experimenter_opens_or_closes_a_study(
-    client: Api, studio: Studio, short_study: StudyInfo
+    client: Api, app: AppContext, short_study: StudyInfo
 ) -> None:
     answer = client.post("/studies/short/close", data={"csrf_token": "0"})
     assert (answer.status_code, answer.headers["location"][:8]) == (303, "/sign-in")
-    assert studies.find(studio, "short").status == "open"
+    assert repository.find(app, "short").status == "open"
 
 
 def test_a_study_that_is_not_there_is_a_page_that_says_so(signed_in: Api) -> None:

@@ -20,9 +20,9 @@ import pytest
 from optuna_dashboard.preferential import load_study
 
 from app.services import export
-from app.services.errors import ConflictError
+from app.services.context import AppContext
 from app.services.export import optuna_storage
-from app.services.studio import Studio
+from app.services.runtime.errors import ConflictError
 from tests.conftest import Clock, StudyShelf
 from tests.databases import Databases
 
@@ -63,14 +63,14 @@ class Exports:
 
 @pytest.fixture
 def exports(
-    studio: Studio,
+    app: AppContext,
     client: Api,
     databases: Databases,
     study_shelf: StudyShelf,
     clock: Clock,
     people: TwoPeople,
 ) -> Exports:
-    people.put_into(studio, client, databases, study_shelf, clock)
+    people.put_into(app, client, databases, study_shelf, clock)
     return Exports(client, people.api_token)
 
 
@@ -283,14 +283,14 @@ def test_who_was_deleted_is_in_no_format_any_more(
 
 
 def test_a_study_without_sessions_can_be_had_in_each_format(
-    studio: Studio, client: Api, study_shelf: StudyShelf, tmp_path: Path
+    app: AppContext, client: Api, study_shelf: StudyShelf, tmp_path: Path
 ) -> None:
-    from app.services import accounts
+    from app.services.accounts import accounts
 
     from .conftest import EMAIL, LEARNING_PLAN, PASSWORD
 
-    study_shelf.put_into(studio, LEARNING_PLAN)
-    token = accounts.create_api_token(studio, accounts.create(studio, EMAIL, PASSWORD), "tests")
+    study_shelf.put_into(app, LEARNING_PLAN)
+    token = accounts.create_api_token(app, accounts.create(app, EMAIL, PASSWORD), "tests")
     exports = Exports(client, token)
     assert json.loads(exports.files("botorch")["trials.json"]) == []
     assert np.load(io.BytesIO(exports.files("botorch")["trials.npz"])).files == []

@@ -10,9 +10,9 @@ from typing import Any
 import pandas as pd
 import pytest
 
-from app.services import accounts
-from app.services.studies import StudyInfo
-from app.services.studio import Studio
+from app.services.accounts import accounts
+from app.services.context import AppContext
+from app.services.studies.repository import StudyInfo
 from tests.conftest import FROM_PROLIFIC, Clock, StudyShelf
 from tests.databases import Databases
 
@@ -87,23 +87,23 @@ def kept() -> Kept:
 @pytest.fixture
 def walked(
     client: Api,
-    studio: Studio,
+    app: AppContext,
     databases: Databases,
     study_shelf: StudyShelf,
     clock: Clock,
     kept: Kept,
 ) -> Walked:
     if kept.rows:
-        databases.put_into(studio.settings.url, kept.rows)
+        databases.put_into(app.settings.url, kept.rows)
     else:
-        study_shelf.put_into(studio, LEARNING_PLAN + FROM_PROLIFIC)
+        study_shelf.put_into(app, LEARNING_PLAN + FROM_PROLIFIC)
         kept.api_token = accounts.create_api_token(
-            studio, accounts.create(studio, EMAIL, PASSWORD), "tests"
+            app, accounts.create(app, EMAIL, PASSWORD), "tests"
         )
         session = client.start(external_ids={"PROLIFIC_PID": PLATFORM_ID, "STUDY_ID": "=1+1"})
         choose = by_turns("skip", "left", "right", "skip", "left")
         kept.pressed = session.to_the_end(choose, clock.forward)
-        kept.rows = databases.keep(studio.settings.url)
+        kept.rows = databases.keep(app.settings.url)
     return Walked(client, kept.api_token, kept.pressed)
 
 

@@ -7,9 +7,9 @@ from pathlib import PurePosixPath
 
 import pytest
 
-from app.services import studies
-from app.services.studies import StudyInfo
-from app.services.studio import Studio
+from app.services.context import AppContext
+from app.services.studies import repository
+from app.services.studies.repository import StudyInfo
 from tests.conftest import SHORT_PLAN, Clock, StudyShelf
 
 from .client import Api, Session
@@ -37,15 +37,15 @@ familiarisation: {videos: 4, required: 1}
 
 
 @pytest.fixture
-def watching_study(studio: Studio, study_shelf: StudyShelf) -> StudyInfo:
-    study_shelf.put_into(studio, WATCHING_PLAN)
-    return studies.find(studio, "short")
+def watching_study(app: AppContext, study_shelf: StudyShelf) -> StudyInfo:
+    study_shelf.put_into(app, WATCHING_PLAN)
+    return repository.find(app, "short")
 
 
 @pytest.fixture
-def study_in_blocks(studio: Studio, study_shelf: StudyShelf) -> StudyInfo:
-    study_shelf.put_into(studio, BLOCKS_PLAN)
-    return studies.find(studio, "short")
+def study_in_blocks(app: AppContext, study_shelf: StudyShelf) -> StudyInfo:
+    study_shelf.put_into(app, BLOCKS_PLAN)
+    return repository.find(app, "short")
 
 
 def to_the_videos(client: Api) -> Session:
@@ -109,7 +109,7 @@ def test_the_page_offers_the_speeds_and_is_shown_again_if_it_is_left_too_early(
 
 
 def test_each_block_shows_videos_of_its_own_environment_and_asks_for_them_anew(
-    client: Api, studio: Studio, study_in_blocks: StudyInfo, clock: Clock, api_token: str
+    client: Api, app: AppContext, study_in_blocks: StudyInfo, clock: Clock, api_token: str
 ) -> None:
     session = to_the_videos(client)
     shown = []
@@ -118,7 +118,7 @@ def test_each_block_shows_videos_of_its_own_environment_and_asks_for_them_anew(
         assert session.state["progress"]["trial"] == trial - 1
         assert session.state["familiarisation"]["watched"] == []
         urls = [video["url"] for video in session.state["familiarisation"]["videos"]]
-        opened = [studio.addresses.opened(PurePosixPath(url).stem) for url in urls]
+        opened = [app.addresses.opened(PurePosixPath(url).stem) for url in urls]
         shown.append({video.recording_id for video in opened if video is not None})
         assert session.go_on().status_code == 409
         session.call("watched", {"index": 3})
@@ -129,7 +129,7 @@ def test_each_block_shows_videos_of_its_own_environment_and_asks_for_them_anew(
 
     own = {
         environment: {
-            clip.id for clip in studio.proposer.space(study_in_blocks.id, environment).all_clips
+            clip.id for clip in app.proposer.space(study_in_blocks.id, environment).all_clips
         }
         for environment in ("env1", "env2")
     }

@@ -6,30 +6,30 @@ from pathlib import Path
 
 import pytest
 
-from app.services import replay as replaying
-from app.services import studies
-from app.services.studies import StudyInfo
-from app.services.studio import Studio
+from app.services.context import AppContext
+from app.services.sessions import replay as replaying
+from app.services.studies import repository
+from app.services.studies.repository import StudyInfo
 from tests.conftest import Clock
 
 from .client import Api, Session, by_turns
 from .own_study import write_own_study
 
 
-def report(session: Session, **more: object) -> int:
-    body = {"query_id": session.state["query"]["id"], **more}
-    return session.call("faults", body).status_code
+def report(db: Session, **more: object) -> int:
+    body = {"query_id": db.state["query"]["id"], **more}
+    return db.call("faults", body).status_code
 
 
-def urls(session: Session) -> list[str]:
-    return [session.state["query"][side]["url"] for side in ("left", "right")]
+def urls(db: Session) -> list[str]:
+    return [db.state["query"][side]["url"] for side in ("left", "right")]
 
 
 @pytest.fixture
-def own_study(studio: Studio, tmp_path: Path) -> None:
+def own_study(app: AppContext, tmp_path: Path) -> None:
     """Three candidates; only the first of them has two recordings."""
-    studies.create(studio, studies.load_folder(str(write_own_study(tmp_path / "kettles"))))
-    studies.open_study(studio, "kettles")
+    repository.create(app, repository.load_folder(str(write_own_study(tmp_path / "kettles"))))
+    repository.open_study(app, "kettles")
 
 
 def test_another_query_takes_the_place_of_one_that_did_not_play(
@@ -80,7 +80,7 @@ def test_where_there_is_no_other_recording_other_candidates_are_shown(
 
 
 def test_what_is_set_aside_is_in_no_other_table_and_teaches_nothing(
-    client: Api, short_study: StudyInfo, api_token: str, clock: Clock, studio: Studio
+    client: Api, short_study: StudyInfo, api_token: str, clock: Clock, app: AppContext
 ) -> None:
     session = client.start().to_first_query()
     choose, reported = by_turns("skip", "left", "right"), 0
@@ -100,7 +100,7 @@ def test_what_is_set_aside_is_in_no_other_table_and_teaches_nothing(
     preferences = client.table("preferences", api_token)
     answers = preferences[preferences["origin"] == "answer"]
     assert len(answers) == (queries["response"] != "skip").sum()
-    assert all(not trial.differences for trial in replaying.replay(studio, "short"))
+    assert all(not trial.differences for trial in replaying.replay(app, "short"))
 
 
 def test_the_same_report_again_changes_nothing(
@@ -154,10 +154,10 @@ def test_attempts_at_one_query_come_to_an_end(client: Api, short_study: StudyInf
 
 
 def test_a_recording_whose_file_has_gone_is_not_shown_in_anothers_place(
-    client: Api, own_study: None, studio: Studio
+    client: Api, own_study: None, app: AppContext
 ) -> None:
     session = client.start("kettles").to_first_query()
-    files = sorted(studio.settings.uploads_dir.iterdir())
+    files = sorted(app.settings.uploads_dir.iterdir())
     files[0].unlink()
     for _ in range(5):
         assert report(session) == 200
@@ -165,10 +165,10 @@ def test_a_recording_whose_file_has_gone_is_not_shown_in_anothers_place(
 
 
 def test_without_any_video_it_is_said_so_and_nothing_is_set_aside(
-    client: Api, own_study: None, studio: Studio
+    client: Api, own_study: None, app: AppContext
 ) -> None:
     session = client.start("kettles").to_first_query()
-    for file in studio.settings.uploads_dir.iterdir():
+    for file in app.settings.uploads_dir.iterdir():
         file.unlink()
     refusal = session.call("faults", {"query_id": session.state["query"]["id"]})
     assert refusal.status_code == 409

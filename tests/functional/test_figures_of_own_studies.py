@@ -8,9 +8,9 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from app.services import studies
-from app.services.findings.across import FINDINGS
-from app.services.studio import Studio
+from app.services.context import AppContext
+from app.services.results.registry import FINDINGS
+from app.services.studies import repository
 from tests.conftest import Clock
 
 from .client import Api, by_turns
@@ -30,7 +30,7 @@ PARAMETERS = {
 
 @pytest.mark.parametrize("number", PARAMETERS)
 def test_every_figure_of_a_study_of_so_many_parameters_is_drawn(
-    client: Api, studio: Studio, clock: Clock, api_token: str, tmp_path: Path, number: int
+    client: Api, app: AppContext, clock: Clock, api_token: str, tmp_path: Path, number: int
 ) -> None:
     folder = write_own_study(tmp_path / "kettles")
     old, new, recordings = PARAMETERS[number]
@@ -39,8 +39,8 @@ def test_every_figure_of_a_study_of_so_many_parameters_is_drawn(
     header = {1: "speed", 2: "speed,height", 3: "speed,height,grip"}[number]
     table = recordings.replace("speed,height", header)
     (folder / "recordings.csv").write_text(table, encoding="utf-8")
-    studies.create(studio, studies.load_folder(str(folder)))
-    studies.open_study(studio, "kettles")
+    repository.create(app, repository.load_folder(str(folder)))
+    repository.open_study(app, "kettles")
     client.start("kettles").to_the_end(by_turns("left", "right"), clock.forward)
     assert sign_in(client).status_code == 303
 

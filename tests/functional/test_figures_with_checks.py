@@ -5,11 +5,11 @@ from __future__ import annotations
 import pandas as pd
 import pytest
 
-from app.services import studies
-from app.services.export.columns import Request
-from app.services.findings import across, learning
-from app.services.findings.found import Found
-from app.services.studio import Studio
+from app.services.context import AppContext
+from app.services.export.table import Request
+from app.services.results import registry, trial_learning
+from app.services.results.result import Found
+from app.services.studies import repository
 from tests.conftest import Clock, StudyShelf
 
 from .client import Api, by_turns
@@ -30,8 +30,8 @@ def walk(client: Api, clock: Clock) -> None:
         client.start().to_the_end(by_turns("left", "right", "skip", "left"), clock.forward)
 
 
-def found(studio: Studio, name: str) -> Found:
-    return across.find(studio, Request(studies.find(studio, "short")), name)
+def found(app: AppContext, name: str) -> Found:
+    return registry.find(app, Request(repository.find(app, "short")), name)
 
 
 def real(queries: pd.DataFrame) -> pd.DataFrame:
@@ -40,21 +40,21 @@ def real(queries: pd.DataFrame) -> pd.DataFrame:
 
 @pytest.mark.parametrize("in_model", [False, True])
 def test_every_finished_trial_is_in_the_violins_and_tests(
-    studio: Studio, study_shelf: StudyShelf, client: Api, clock: Clock, in_model: bool
+    app: AppContext, study_shelf: StudyShelf, client: Api, clock: Clock, in_model: bool
 ) -> None:
     plan = CHECKED.replace("0.3}", "0.3, in_model: true}") if in_model else CHECKED
-    study_shelf.put_into(studio, plan)
+    study_shelf.put_into(app, plan)
     walk(client, clock)
-    scores = found(studio, "acquired-scores")
+    scores = found(app, "acquired-scores")
     rows = pd.DataFrame(scores.rows)
     looks = [10, 20, 21] if in_model else [10, 12]
     trials = PEOPLE * CONDITIONS
     assert dict(rows["answers"].value_counts()) == dict.fromkeys(looks, trials)
     assert {test["freedom"] for test in scores.extra["tests"]} <= {2 * PEOPLE - 2}
 
-    queries = table(studio, "queries").dropna(subset="response")
+    queries = table(app, "queries").dropna(subset="response")
     taught = queries if in_model else real(queries)
-    acquired = table(studio, "acquired").set_index(["session_id", "trial_index", "query_index"])
+    acquired = table(app, "acquired").set_index(["session_id", "trial_index", "query_index"])
     for row in rows.to_dict("records"):
         of_trial = taught[
             (taught["session_id"] == row["session_id"])
@@ -68,42 +68,42 @@ def test_every_finished_trial_is_in_the_violins_and_tests(
 
 
 def test_a_trial_under_way_is_looked_at_as_far_as_it_came(
-    studio: Studio, study_shelf: StudyShelf, client: Api, clock: Clock
+    app: AppContext, study_shelf: StudyShelf, client: Api, clock: Clock
 ) -> None:
-    study_shelf.put_into(studio, CHECKED)
+    study_shelf.put_into(app, CHECKED)
     session = client.start().to_first_query()
-    while len(real(table(studio, "queries"))) < 9:
+    while len(real(table(app, "queries"))) < 9:
         assert session.respond("left").status_code == 200
-    assert not found(studio, "acquired-scores").rows
-    while len(real(table(studio, "queries"))) < 10:
+    assert not found(app, "acquired-scores").rows
+    while len(real(table(app, "queries"))) < 10:
         assert session.respond("left").status_code == 200
-    assert [row["answers"] for row in found(studio, "acquired-scores").rows] == [10]
+    assert [row["answers"] for row in found(app, "acquired-scores").rows] == [10]
 
 
 def test_skips_and_sides_leave_checks_out_and_say_so(
-    studio: Studio, study_shelf: StudyShelf, client: Api, clock: Clock
+    app: AppContext, study_shelf: StudyShelf, client: Api, clock: Clock
 ) -> None:
-    study_shelf.put_into(studio, CHECKED)
+    study_shelf.put_into(app, CHECKED)
     walk(client, clock)
-    queries = real(table(studio, "queries"))
-    skips, sides = found(studio, "skips"), found(studio, "sides")
+    queries = real(table(app, "queries"))
+    skips, sides = found(app, "skips"), found(app, "sides")
     offered = queries[queries["condition"].isin(["pbpo", "no-synthesis"])]
     assert sum(row["answers"] for row in skips.rows) == len(offered)
     assert sum(row["choices"] for row in sides.rows) == (queries["response"] != "skip").sum()
     for told in (skips, sides):
         assert "Checks (repeats and attention checks) are left out." in told.notes
-    assert "Answers to checks are among them." in found(studio, "response-times").says
+    assert "Answers to checks are among them." in found(app, "response-times").says
 
 
 def test_the_path_of_a_trial_and_its_posterior_count_alike(
-    studio: Studio, study_shelf: StudyShelf, client: Api, clock: Clock
+    app: AppContext, study_shelf: StudyShelf, client: Api, clock: Clock
 ) -> None:
-    study_shelf.put_into(studio, CHECKED)
+    study_shelf.put_into(app, CHECKED)
     walk(client, clock)
-    study = studies.find(studio, "short")
-    session_id = table(studio, "queries")["session_id"].iloc[0]
+    study = repository.find(app, "short")
+    session_id = table(app, "queries")["session_id"].iloc[0]
     path, posterior = (
-        learning.find(studio, study, session_id, 0, name) for name in ("path", "posterior")
+        trial_learning.find(app, study, session_id, 0, name) for name in ("path", "posterior")
     )
     assert len(path.rows) == 12
     assert "after 12 answers" in path.says

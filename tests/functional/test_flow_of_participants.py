@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import pytest
 
-from app.services import accounts, reporting, studies, withdrawal
-from app.services.export.columns import Request
-from app.services.reporting.blocks import Paragraph, Table
-from app.services.studies import StudyInfo
-from app.services.studio import Studio
-from app.services.watching.overview import overview
+from app.services import reporting
+from app.services.accounts import accounts
+from app.services.context import AppContext
+from app.services.export.table import Request
+from app.services.monitoring.overview import overview
+from app.services.reporting.document import Paragraph, Table
+from app.services.sessions import withdrawal
+from app.services.studies import repository
+from app.services.studies.repository import StudyInfo
 from tests.conftest import Clock
 
 from .client import Api, by_turns
@@ -22,11 +25,11 @@ CAPTION = "Sessions, from arriving to being counted"
 
 
 def report_of(
-    studio: Studio, *conditions: str, modes: tuple[str, ...] = ("live",)
+    app: AppContext, *conditions: str, modes: tuple[str, ...] = ("live",)
 ) -> tuple[dict[str, int], str]:
     """The flow, and all that the report says in sentences."""
-    request = Request(studies.find(studio, "short"), modes, conditions)
-    report = reporting.describe(studio, request)
+    request = Request(repository.find(app, "short"), modes, conditions)
+    report = reporting.describe(app, request)
     (flow,) = (b for b in report.blocks if isinstance(b, Table) and b.caption == CAPTION)
     said = " ".join(block.text for block in report.blocks if isinstance(block, Paragraph))
     return {name: int(number) for name, number in flow.rows}, said
@@ -50,63 +53,63 @@ def mixed(client: Api, learning_study: StudyInfo, clock: Clock) -> Api:
     return client
 
 
-def test_the_report_rests_on_sessions_with_answers(mixed: Api, studio: Studio) -> None:
-    flow, said = report_of(studio)
+def test_the_report_rests_on_sessions_with_answers(mixed: Api, app: AppContext) -> None:
+    flow, said = report_of(app)
     assert flow["Counted in this report"] == 2
     assert flow["Without an answer that counts"] == 2
     assert "What follows rests on 2 sessions of 2 participants with 16 answers" in said
     assert "of 2 sessions with answers have no flag" in said
 
 
-def test_who_declines_on_the_page_is_a_number_and_nothing_else(mixed: Api, studio: Studio) -> None:
-    flow, _ = report_of(studio)
+def test_who_declines_on_the_page_is_a_number_and_nothing_else(mixed: Api, app: AppContext) -> None:
+    flow, _ = report_of(app)
     assert flow["Declined to consent"] == 3
     assert flow["Arrived"] == 6
-    assert report_of(studio, modes=("simulated",))[0]["Declined to consent"] == 0
-    with studio.database.read() as session:
-        rows = session.connection().exec_driver_sql(
+    assert report_of(app, modes=("simulated",))[0]["Declined to consent"] == 0
+    with app.database.read() as db:
+        rows = db.connection().exec_driver_sql(
             "SELECT day, number FROM declined_counts ORDER BY day"
         )
         assert [number for _, number in rows] == [1, 1]
 
 
 def test_overview_and_report_agree_before_and_after_a_deletion(
-    mixed: Api, studio: Studio, learning_study: StudyInfo, clock: Clock
+    mixed: Api, app: AppContext, learning_study: StudyInfo, clock: Clock
 ) -> None:
-    accounts.create(studio, EMAIL, PASSWORD)
+    accounts.create(app, EMAIL, PASSWORD)
     assert sign_in(mixed).status_code == 303
     gone = mixed.start().to_first_query()
     for number in (7, 7):
-        flow, _ = report_of(studio)
+        flow, _ = report_of(app)
         shown = table(mixed.get("/studies/short"), "funnel").set_index("Step")
         reached = dict(shown["Reached"].astype(int))
         assert flow["Arrived"] == reached["Arrived"] == number
         assert flow["Consented"] == reached["Consented"]
-        counts = overview(studio, learning_study, "live").counts
+        counts = overview(app, learning_study, "live").counts
         assert flow["Declined to consent"] == counts["declined"] == 3
         assert flow["Deleted at their person's wish"] == counts["deleted"]
         if not counts["deleted"]:
-            withdrawal.withdraw_and_delete(studio, gone.token)
+            withdrawal.withdraw_and_delete(app, gone.token)
     assert flow["Deleted at their person's wish"] == 1
 
 
 def test_declining_where_a_study_is_closed_or_unknown_counts_nothing(
-    client: Api, studio: Studio, learning_study: StudyInfo
+    client: Api, app: AppContext, learning_study: StudyInfo
 ) -> None:
-    studies.close_study(studio, "short")
+    repository.close_study(app, "short")
     client.post("/s/short/decline")
     assert client.post("/s/nonsense/decline").status_code == 404
-    assert report_of(studio)[0]["Declined to consent"] == 0
+    assert report_of(app)[0]["Declined to consent"] == 0
 
 
 @pytest.mark.parametrize("condition", ["pbpo", "no-skip"])
 def test_a_report_of_one_condition_counts_its_answers_alone(
-    mixed: Api, studio: Studio, condition: str
+    mixed: Api, app: AppContext, condition: str
 ) -> None:
-    queries = exported(studio, "queries").query("condition == @condition")
+    queries = exported(app, "queries").query("condition == @condition")
     answers = queries["response"].dropna()
     sessions = queries["session_id"].nunique()
-    flow, said = report_of(studio, condition)
+    flow, said = report_of(app, condition)
     assert flow["Counted in this report"] == sessions
     noun = "session of 1 participant" if sessions == 1 else "sessions of 2 participants"
     skips = (answers == "skip").sum()
@@ -115,4 +118,4 @@ def test_a_report_of_one_condition_counts_its_answers_alone(
     assert f"of which {skips} {are}." in said
     assert f"Only trials under {condition} are counted." in said
     assert "A flag is of a whole session" in said
-    assert "Only trials under" not in report_of(studio)[1]
+    assert "Only trials under" not in report_of(app)[1]

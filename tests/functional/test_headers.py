@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 from fastapi import FastAPI
 
-from app.services.settings import Settings
-from app.services.studies import StudyInfo
-from app.services.studio import Studio
+from app.services.context import AppContext
+from app.services.runtime.settings import Settings
+from app.services.studies.repository import StudyInfo
 
 from .client import Api
 from .conftest import EMAIL, PASSWORD
@@ -108,7 +108,7 @@ class TestBehindTls:
         return settings.model_copy(update={"secure_cookies": True})
 
     def test_cookies_are_sent_over_https_only(
-        self, application: FastAPI, studio: Studio, short_study: StudyInfo, api_token: str
+        self, application: FastAPI, app: AppContext, short_study: StudyInfo, api_token: str
     ) -> None:
         with Api(application, base_url="https://testserver") as client:
             page = client.get("/sign-in")
@@ -117,7 +117,7 @@ class TestBehindTls:
                 assert "Secure" in response.headers["set-cookie"]
 
     def test_browsers_are_told_to_come_by_https_alone(
-        self, application: FastAPI, studio: Studio
+        self, application: FastAPI, app: AppContext
     ) -> None:
         with Api(application, base_url="https://testserver") as client:
             for path in ("/", "/nothing", "/static/css/app.css", "/api/v1/session"):
@@ -158,10 +158,10 @@ def test_a_form_with_our_own_origin_is_taken(
 
 
 def test_a_form_with_the_public_origin_is_taken_behind_a_proxy_that_renames_the_host(
-    client: Api, studio: Studio, short_study: StudyInfo
+    client: Api, app: AppContext, short_study: StudyInfo
 ) -> None:
-    public = studio.settings.model_copy(update={"public_url": "https://studies.lab.example"})
-    object.__setattr__(studio, "settings", public)
+    public = app.settings.model_copy(update={"public_url": "https://studies.lab.example"})
+    object.__setattr__(app, "settings", public)
     path, headers = "/api/v1/studies/short/sessions", {"Origin": "https://studies.lab.example"}
     assert client.post(path, json={}, headers=headers).status_code == 201
 

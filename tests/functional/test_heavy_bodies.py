@@ -16,10 +16,11 @@ from fastapi import FastAPI
 from hypothesis import given
 from hypothesis import seed as seeded
 
-from app.services import accounts, admission
-from app.services.settings import Settings
-from app.services.studio import open_studio
-from app.web.body_limit import SMALL, limit_of
+from app.services.accounts import accounts
+from app.services.arrival import admission
+from app.services.bootstrap import open_app
+from app.services.runtime.settings import Settings
+from app.web.http.body_limit import SMALL, limit_of
 from tests.conftest import SHORT_PLAN, Idle, StudyShelf
 from tests.fuzz import heavy
 from tests.fuzz.plugin import Fuzz
@@ -55,14 +56,12 @@ def at(
     tmp_path_factory: pytest.TempPathFactory, media_dir: Path, study_shelf: StudyShelf
 ) -> Iterator[At]:
     tmp_path: Path = tmp_path_factory.mktemp("heavy")
-    studio = open_studio(
-        Settings(data_dir=tmp_path / "data", media_dir=media_dir), background=Idle(1)
-    )
-    study_shelf.put_into(studio, SHORT_PLAN)
-    accounts.create(studio, EMAIL, PASSWORD)
-    sign_in = accounts.sign_in(studio, EMAIL, PASSWORD)
-    session, _ = admission.start(studio, "short")
-    studio.close()
+    app = open_app(Settings(data_dir=tmp_path / "data", media_dir=media_dir), background=Idle(1))
+    study_shelf.put_into(app, SHORT_PLAN)
+    accounts.create(app, EMAIL, PASSWORD)
+    sign_in = accounts.sign_in(app, EMAIL, PASSWORD)
+    session, _ = admission.start(app, "short")
+    app.close()
     with (
         Served("serve", tmp_path / "data", media_dir) as served,
         httpx.Client(base_url=served.url, timeout=60) as browser,

@@ -7,8 +7,8 @@ from collections.abc import Iterator
 import pytest
 from fastapi import FastAPI
 
-from app.services.studies import StudyInfo
-from app.services.studio import Studio
+from app.services.context import AppContext
+from app.services.studies.repository import StudyInfo
 
 from .client import Api
 from .test_experimenter_pages import sign_in
@@ -18,10 +18,10 @@ SESSION = "__Host-pbpo_session_short"
 
 
 @pytest.fixture
-def https(application: FastAPI, studio: Studio, short_study: StudyInfo) -> Iterator[Api]:
+def https(application: FastAPI, app: AppContext, short_study: StudyInfo) -> Iterator[Api]:
     """A browser that comes by HTTPS to a studio whose cookies are secure."""
-    secure = studio.settings.model_copy(update={"secure_cookies": True})
-    object.__setattr__(studio, "settings", secure)
+    secure = app.settings.model_copy(update={"secure_cookies": True})
+    object.__setattr__(app, "settings", secure)
     with Api(application, base_url="https://testserver") as api:
         yield api
 

@@ -13,7 +13,7 @@ from fastapi import FastAPI
 from hypothesis import given
 from hypothesis import seed as seeded
 
-from app.services.settings import Settings
+from app.services.runtime.settings import Settings
 from tests.fuzz import forms
 from tests.fuzz.plugin import Fuzz
 

@@ -12,11 +12,11 @@ from pathlib import Path
 
 import pytest
 
-from app.services import uploads
-from app.services.accounts import Role
-from app.services.studio import Studio
-from app.study.faults import StudyFaults
+from app.services.accounts.accounts import Role
+from app.services.context import AppContext
+from app.services.drafts import uploads
 from app.study.folder import load
+from app.study.validation_errors import StudyFaults
 from app.video import limits
 from tests.videos import write
 
@@ -26,8 +26,8 @@ from .own_study import write_own_study
 
 
 @pytest.fixture
-def desk(client: Api, studio: Studio) -> Desk:
-    return Desk(client, studio, "mo@lab.example", Role.EXPERIMENTER)
+def desk(client: Api, app: AppContext) -> Desk:
+    return Desk(client, app, "mo@lab.example", Role.EXPERIMENTER)
 
 
 def packed(*entries: tuple[str | zipfile.ZipInfo, bytes]) -> bytes:
@@ -85,12 +85,12 @@ HOSTILE: list[tuple[Callable[[], bytes], str]] = [
 
 @pytest.mark.parametrize(("make", "sentence"), HOSTILE)
 def test_a_hostile_zip_is_refused_with_a_sentence_and_leaves_nothing(
-    desk: Desk, studio: Studio, make: Callable[[], bytes], sentence: str
+    desk: Desk, app: AppContext, make: Callable[[], bytes], sentence: str
 ) -> None:
     answer = desk.send("/drafts", {"study.zip": make()})
     assert answer.status_code == 422
     assert sentence in answer.text.replace("&#39;", "'")
-    assert [path for path in studio.settings.uploads_dir.rglob("*") if path.is_file()] == []
+    assert [path for path in app.settings.uploads_dir.rglob("*") if path.is_file()] == []
     assert "Being made" not in desk.get("/studies").text
 
 
@@ -148,11 +148,9 @@ def test_a_video_that_the_decoder_does_not_bear_costs_a_sentence_and_the_server_
 
 class TestLimits:
     @pytest.fixture(autouse=True)
-    def _small(self, studio: Studio) -> None:
+    def _small(self, app: AppContext) -> None:
         # Settings do not change once read; a test's studio may have others.
-        object.__setattr__(
-            studio, "settings", studio.settings.model_copy(update={"upload_limit_mb": 1})
-        )
+        object.__setattr__(app, "settings", app.settings.model_copy(update={"upload_limit_mb": 1}))
 
     def test_more_than_a_study_may_take_is_refused_before_it_is_read(self, desk: Desk) -> None:
         answer = desk.send("/drafts", {"a.mp4": bytes(2_500_000)})

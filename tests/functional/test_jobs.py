@@ -12,14 +12,14 @@ import pytest
 from sqlalchemy import update
 
 from app.services import jobs
-from app.services.accounts import Role
-from app.services.background import Background
-from app.services.errors import ServiceError
-from app.services.in_process import InProcess
-from app.services.settings import Settings
-from app.services.studio import Studio, utc_now
-from app.services.work import Report, Work
-from app.storage.records import Job
+from app.services.accounts.accounts import Role
+from app.services.background.interface import Background
+from app.services.background.job_function import Report, Work
+from app.services.background.local import LocalBackground
+from app.services.context import AppContext, utc_now
+from app.services.runtime.errors import ServiceError
+from app.services.runtime.settings import Settings
+from app.storage.models.records import Job
 from tests.conftest import Idle
 from tests.videos import write
 
@@ -76,27 +76,27 @@ def works() -> Mapping[str, Work]:
 
 
 @pytest.fixture
-def desk(client: Api, studio: Studio) -> Desk:
-    return Desk(client, studio, "mo@lab.example", Role.EXPERIMENTER)
+def desk(client: Api, app: AppContext) -> Desk:
+    return Desk(client, app, "mo@lab.example", Role.EXPERIMENTER)
 
 
-def test_a_job_is_done_and_says_what_came_of_it(desk: Desk, studio: Studio, client: Api) -> None:
-    asked = jobs.ask(studio, desk.account, "good", {"what": "this"})
+def test_a_job_is_done_and_says_what_came_of_it(desk: Desk, app: AppContext, client: Api) -> None:
+    asked = jobs.ask(app, desk.account, "good", {"what": "this"})
     told = desk.get(f"/jobs/{asked.public_id}").json()
     assert told == {"state": "done", "done": 4, "total": 4, "message": "did this", "is_over": True}
-    other = Desk(client, studio, "ada@lab.example", Role.ADMIN)
+    other = Desk(client, app, "ada@lab.example", Role.ADMIN)
     assert other.get(f"/jobs/{asked.public_id}").status_code == 404
 
 
-def test_a_job_that_fails_says_why(desk: Desk, studio: Studio) -> None:
-    asked = jobs.ask(studio, desk.account, "bad", {})
-    told = jobs.look(studio, desk.account, asked.public_id)
+def test_a_job_that_fails_says_why(desk: Desk, app: AppContext) -> None:
+    asked = jobs.ask(app, desk.account, "bad", {})
+    told = jobs.look(app, desk.account, asked.public_id)
     assert (told.state, told.message) == ("failed", "there was nothing to do")
 
 
-def test_work_that_there_is_none_of_is_refused(desk: Desk, studio: Studio) -> None:
+def test_work_that_there_is_none_of_is_refused(desk: Desk, app: AppContext) -> None:
     with pytest.raises(ServiceError, match="expected work among"):
-        jobs.ask(studio, desk.account, "nothing", {})
+        jobs.ask(app, desk.account, "nothing", {})
 
 
 class TestStopped:
@@ -104,36 +104,36 @@ class TestStopped:
     def background(self) -> Background:
         return Never(1)
 
-    def test_the_same_asked_twice_is_one_job(self, desk: Desk, studio: Studio) -> None:
+    def test_the_same_asked_twice_is_one_job(self, desk: Desk, app: AppContext) -> None:
         first, again, other = (
-            jobs.ask(studio, desk.account, "good", {"what": what}) for what in ("a", "a", "b")
+            jobs.ask(app, desk.account, "good", {"what": what}) for what in ("a", "a", "b")
         )
         assert first.public_id == again.public_id != other.public_id
 
     def test_a_job_that_fell_silent_is_begun_again_and_one_in_hand_is_not(
-        self, desk: Desk, studio: Studio
+        self, desk: Desk, app: AppContext
     ) -> None:
-        asked = jobs.ask(studio, desk.account, "good", {"what": "this"})
+        asked = jobs.ask(app, desk.account, "good", {"what": "this"})
 
         def seen(ago: timedelta) -> None:
-            with studio.database.write() as session:
-                session.execute(update(Job).values(state="running", seen_at=utc_now() - ago))
+            with app.database.write() as db:
+                db.execute(update(Job).values(state="running", seen_at=utc_now() - ago))
 
         seen(timedelta(seconds=1))
-        jobs.run(studio.settings, asked.public_id, good)
-        assert jobs.look(studio, desk.account, asked.public_id).state == "running"
+        jobs.run(app.settings, asked.public_id, good)
+        assert jobs.look(app, desk.account, asked.public_id).state == "running"
         seen(jobs.SILENT_AFTER + timedelta(seconds=1))
-        jobs.run(studio.settings, asked.public_id, good)
-        assert jobs.look(studio, desk.account, asked.public_id).state == "done"
+        jobs.run(app.settings, asked.public_id, good)
+        assert jobs.look(app, desk.account, asked.public_id).state == "done"
 
 
 class TestInAProcess:
     @pytest.fixture
     def background(self) -> Background:
-        return InProcess(1)
+        return LocalBackground(1)
 
     def test_videos_are_transcoded_in_a_process_and_the_study_is_sound(
-        self, desk: Desk, studio: Studio, tmp_path: Path
+        self, desk: Desk, app: AppContext, tmp_path: Path
     ) -> None:
         folder = write_own_study(tmp_path / "kettles")
         (folder / "videos" / "a.mp4").unlink()

@@ -14,9 +14,10 @@ import pandas as pd
 import pytest
 
 from app.main import create_app
-from app.services import accounts, studies
-from app.services.settings import Settings
-from app.services.studio import open_studio
+from app.services.accounts import accounts
+from app.services.bootstrap import open_app
+from app.services.runtime.settings import Settings
+from app.services.studies import repository
 from tests.conftest import Idle
 
 from .client import Api, Session
@@ -85,11 +86,11 @@ def token(tmp_path: Path, media_dir: Path) -> str:
     """A data folder with an open study in it, and an experimenter's token."""
     folder = write_own_study(tmp_path / "kettles")
     settings = Settings(data_dir=tmp_path / "data", media_dir=media_dir)
-    studio = open_studio(settings, background=Idle(1))
-    studies.create(studio, studies.load_folder(str(folder)))
-    studies.open_study(studio, "kettles")
-    token = accounts.create_api_token(studio, accounts.create(studio, EMAIL, PASSWORD), "tests")
-    studio.close()
+    app = open_app(settings, background=Idle(1))
+    repository.create(app, repository.load_folder(str(folder)))
+    repository.open_study(app, "kettles")
+    token = accounts.create_api_token(app, accounts.create(app, EMAIL, PASSWORD), "tests")
+    app.close()
     return token
 
 
@@ -121,14 +122,14 @@ def test_an_evaluator_goes_on_at_the_very_query_after_the_server_was_killed(
         second.kill()
         on_its_way.join()
 
-    studio = open_studio(Settings(data_dir=data_dir, media_dir=media_dir), background=Idle(1))
-    with Api(create_app(studio=studio)) as third:
-        session = Session(third, browser.token, browser.state)
-        assert session.call("responses", body).status_code == 200
-        session.to_the_end(lambda _: "right", lambda _: None)
+    app = open_app(Settings(data_dir=data_dir, media_dir=media_dir), background=Idle(1))
+    with Api(create_app(app=app)) as third:
+        db = Session(third, browser.token, browser.state)
+        assert db.call("responses", body).status_code == 200
+        db.to_the_end(lambda _: "right", lambda _: None)
         address = "/api/v1/studies/kettles/export/queries.csv"
         answered = read(third.get(address, headers={"Authorization": f"Bearer {token}"}))
-    studio.close()
+    app.close()
     assert answered["response"].to_list() == ["left", "right", "left", *["right"] * 5]
     assert answered["trial_index"].to_list() == [0] * 4 + [1] * 4
     assert answered["query_index"].to_list() == [0, 1, 2, 3] * 2

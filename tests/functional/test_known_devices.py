@@ -12,12 +12,17 @@ from pathlib import Path
 import httpx
 import pytest
 
-from app.services import accounts, hashing, tries
-from app.services.errors import SignInRequiredError, TooManyPasswordsError, TooManyTriesError
-from app.services.settings import Settings
-from app.services.studio import Studio, open_studio
-from app.services.tries import CameFrom
-from app.web.known_devices import network_of
+from app.services.accounts import accounts, login_rate_limit, password_hash_limit
+from app.services.accounts.login_rate_limit import CameFrom
+from app.services.bootstrap import open_app
+from app.services.context import AppContext
+from app.services.runtime.errors import (
+    SignInRequiredError,
+    TooManyPasswordsError,
+    TooManyTriesError,
+)
+from app.services.runtime.settings import Settings
+from app.web.experimenter.known_devices import network_of
 from tests.conftest import Clock, Idle
 
 from .client import Api
@@ -35,12 +40,12 @@ def device_cookies(client: Api) -> dict[str, str]:
     return {name: value for name, value in client.cookies.items() if "device" in name}
 
 
-def guess_from(studio: Studio, came_from: CameFrom, number: int) -> int:
+def guess_from(app: AppContext, came_from: CameFrom, number: int) -> int:
     """How many of so many wrong passwords were looked at."""
     looked_at = 0
     for _ in range(number):
         try:
-            accounts.sign_in(studio, EMAIL, "a wrong guess", came_from)
+            accounts.sign_in(app, EMAIL, "a wrong guess", came_from)
         except SignInRequiredError:
             looked_at += 1
         except TooManyTriesError:
@@ -49,7 +54,7 @@ def guess_from(studio: Studio, came_from: CameFrom, number: int) -> int:
 
 
 def test_strangers_who_guess_do_not_keep_a_known_browser_out(
-    client: Api, studio: Studio, api_token: str
+    client: Api, app: AppContext, api_token: str
 ) -> None:
     assert sign_in(client).status_code == 303
     known = device_cookies(client)
@@ -58,7 +63,7 @@ def test_strangers_who_guess_do_not_keep_a_known_browser_out(
     assert EMAIL.partition("@")[0] not in str(known)
 
     client.cookies.clear()
-    for _ in range(tries.TRIES):
+    for _ in range(login_rate_limit.TRIES):
         assert sign_in(client, EMAIL, "guess").status_code == 401
     assert sign_in(client).status_code == 429
     for name, value in known.items():
@@ -67,16 +72,16 @@ def test_strangers_who_guess_do_not_keep_a_known_browser_out(
 
 
 def test_a_cookie_made_up_or_of_another_account_is_not_known(
-    client: Api, studio: Studio, api_token: str
+    client: Api, app: AppContext, api_token: str
 ) -> None:
-    accounts.create(studio, BOB, PASSWORD)
+    accounts.create(app, BOB, PASSWORD)
     assert sign_in(client, BOB).status_code == 303
     of_bob = device_cookies(client)
     client.cookies.clear()
     assert sign_in(client).status_code == 303
     (name, value), *_ = device_cookies(client).items()
     client.cookies.clear()
-    for _ in range(tries.TRIES):
+    for _ in range(login_rate_limit.TRIES):
         sign_in(client, EMAIL, "guess")
     device, _, signature = value.rpartition(".")
     (bobs,) = of_bob.values()
@@ -86,10 +91,10 @@ def test_a_cookie_made_up_or_of_another_account_is_not_known(
 
 
 def test_a_known_browser_has_tries_of_its_own_and_no_more(
-    client: Api, studio: Studio, api_token: str
+    client: Api, app: AppContext, api_token: str
 ) -> None:
     assert sign_in(client).status_code == 303
-    for _ in range(tries.TRIES):
+    for _ in range(login_rate_limit.TRIES):
         assert sign_in(client, EMAIL, "guess").status_code == 401
     assert sign_in(client).status_code == 429
     # Whoever sits there keeps nobody else waiting.
@@ -97,28 +102,28 @@ def test_a_known_browser_has_tries_of_its_own_and_no_more(
     assert sign_in(client).status_code == 303
 
 
-def test_guesses_from_one_network_do_not_keep_another_out(studio: Studio, api_token: str) -> None:
-    assert guess_from(studio, HOME, tries.TRIES + 5) == tries.TRIES
-    assert accounts.sign_in(studio, EMAIL, PASSWORD, ELSEWHERE)
+def test_guesses_from_one_network_do_not_keep_another_out(app: AppContext, api_token: str) -> None:
+    assert guess_from(app, HOME, login_rate_limit.TRIES + 5) == login_rate_limit.TRIES
+    assert accounts.sign_in(app, EMAIL, PASSWORD, ELSEWHERE)
     with pytest.raises(TooManyTriesError):
-        accounts.sign_in(studio, EMAIL, PASSWORD, HOME)
+        accounts.sign_in(app, EMAIL, PASSWORD, HOME)
 
 
 def test_guesses_from_many_networks_wait_together(
-    studio: Studio, api_token: str, clock: Clock, monkeypatch: pytest.MonkeyPatch
+    app: AppContext, api_token: str, clock: Clock, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(accounts, "is_password_of", lambda _account, given: given == PASSWORD)
-    looked_at = sum(guess_from(studio, CameFrom(f"net {number}"), 10) for number in range(20))
-    assert looked_at == tries.TRIES_FROM_EVERYWHERE
+    looked_at = sum(guess_from(app, CameFrom(f"net {number}"), 10) for number in range(20))
+    assert looked_at == login_rate_limit.TRIES_FROM_EVERYWHERE
     with pytest.raises(TooManyTriesError) as refused:
-        accounts.sign_in(studio, EMAIL, PASSWORD, HOME)
-    assert (refused.value.until - studio.now()).total_seconds() == 5
-    assert accounts.sign_in(studio, EMAIL, PASSWORD, CameFrom("net 1", device="known"))
+        accounts.sign_in(app, EMAIL, PASSWORD, HOME)
+    assert (refused.value.until - app.now()).total_seconds() == 5
+    assert accounts.sign_in(app, EMAIL, PASSWORD, CameFrom("net 1", device="known"))
     for wait in (5, 10, 20, 40, 60, 60):
         clock.forward(wait)
-        assert guess_from(studio, ELSEWHERE, 3) == 1
+        assert guess_from(app, ELSEWHERE, 3) == 1
     clock.forward(60)
-    assert accounts.sign_in(studio, EMAIL, PASSWORD, HOME)
+    assert accounts.sign_in(app, EMAIL, PASSWORD, HOME)
 
 
 @pytest.mark.parametrize(
@@ -135,13 +140,13 @@ def test_an_address_counts_with_its_network(host: str, network: str) -> None:
     assert network_of(host) == network
 
 
-def test_known_browsers_go_first_and_networks_by_turns(studio: Studio) -> None:
+def test_known_browsers_go_first_and_networks_by_turns(app: AppContext) -> None:
     order: list[str] = []
     begun = threading.Semaphore(0)
 
     def one(name: str, came_from: CameFrom) -> None:
         begun.release()
-        with hashing.one_at_a_time(studio, came_from):
+        with password_hash_limit.one_at_a_time(app, came_from):
             order.append(name)
 
     waiting = [("flood 1", HOME), ("flood 2", HOME), ("flood 3", HOME), ("other", ELSEWHERE)]
@@ -155,14 +160,14 @@ def test_known_browsers_go_first_and_networks_by_turns(studio: Studio) -> None:
 
 
 def test_one_network_does_not_take_all_places(
-    studio: Studio, monkeypatch: pytest.MonkeyPatch
+    app: AppContext, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(hashing, "WAITING_OF_ONE_NETWORK", 2)
-    monkeypatch.setattr(hashing, "KNOWN_WAITING", 1)
+    monkeypatch.setattr(password_hash_limit, "WAITING_OF_ONE_NETWORK", 2)
+    monkeypatch.setattr(password_hash_limit, "KNOWN_WAITING", 1)
 
     def one(came_from: CameFrom) -> str:
         try:
-            with hashing.one_at_a_time(studio, came_from):
+            with password_hash_limit.one_at_a_time(app, came_from):
                 return "in"
         except TooManyPasswordsError:
             return "told to come back"
@@ -180,11 +185,9 @@ def test_one_network_does_not_take_all_places(
 @pytest.fixture(scope="module")
 def served(tmp_path_factory: pytest.TempPathFactory, media_dir: Path) -> Iterator[str]:
     folder = tmp_path_factory.mktemp("flooded")
-    studio = open_studio(
-        Settings(data_dir=folder / "data", media_dir=media_dir), background=Idle(1)
-    )
-    accounts.create(studio, EMAIL, PASSWORD)
-    studio.close()
+    app = open_app(Settings(data_dir=folder / "data", media_dir=media_dir), background=Idle(1))
+    accounts.create(app, EMAIL, PASSWORD)
+    app.close()
     with Served("serve", folder / "data", media_dir) as server:
         yield server.url
 
@@ -233,4 +236,4 @@ def test_a_flood_of_sign_ins_does_not_keep_the_right_password_out(served: str) -
     assert slowest_known < 5
     assert slowest_known < slowest_new
     # As many as there are hostile ones go first, at the most.
-    assert slowest_new < hashing.PATIENCE_S
+    assert slowest_new < password_hash_limit.PATIENCE_S

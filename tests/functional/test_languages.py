@@ -12,11 +12,11 @@ import httpx
 import pytest
 from babel.messages.pofile import read_po
 
-from app.services import studies
-from app.services.studies import StudyInfo
-from app.services.studio import Studio
+from app.services.context import AppContext
+from app.services.studies import repository
+from app.services.studies.repository import StudyInfo
 from app.study.folder import SHIPPED
-from app.web.words import LOCALE
+from app.web.http.translations import LOCALE
 from tests.conftest import Clock, write_study
 
 from .client import Api
@@ -38,12 +38,12 @@ contact: 木村, kimura@lab.example
 
 
 @pytest.fixture
-def study(studio: Studio, tmp_path: Path) -> StudyInfo:
+def study(app: AppContext, tmp_path: Path) -> StudyInfo:
     """An open study in English and Japanese, with every stage there is."""
     folder = write_study(tmp_path / "study", PLAN)
     shutil.copytree(SHIPPED["waste-crane"] / "texts" / "ja", folder / "texts" / "ja")
-    studies.create(studio, studies.load_folder(str(folder)))
-    return studies.open_study(studio, "short")
+    repository.create(app, repository.load_folder(str(folder)))
+    return repository.open_study(app, "short")
 
 
 def _forms(text: str | Sequence[str]) -> Sequence[str]:
@@ -157,7 +157,7 @@ def test_a_page_without_a_session_is_in_the_browsers_language(
 
 
 def test_what_is_refused_is_said_in_the_browsers_language(
-    client: Api, studio: Studio, study: StudyInfo
+    client: Api, app: AppContext, study: StudyInfo
 ) -> None:
     wrong = client.post("/s/short/delete", data={"receipt": "XXXX"}, headers=JAPANESE)
     assert "このコードで保存されているものはありません。" in wrong.text
@@ -165,7 +165,7 @@ def test_what_is_refused_is_said_in_the_browsers_language(
     declined = client.post("/s/short/decline", headers=JAPANESE)
     assert heading(declined) == HEADINGS["declined"]
     assert_japanese(declined)
-    studies.close_study(studio, "short")
+    repository.close_study(app, "short")
     closed = client.get("/s/short", headers=JAPANESE)
     assert (closed.status_code, heading(closed)) == (409, "この調査は受付をしていません")
     assert_japanese(closed)
@@ -199,9 +199,11 @@ def test_a_study_in_one_language_has_all_its_pages_in_that_one(
         assert language_of(client.get(path, headers=JAPANESE)) == "en"
 
 
-def test_the_shipped_study_begins_in_japanese_for_who_reads_it(client: Api, studio: Studio) -> None:
-    studies.create(studio, studies.load_folder("waste-crane"))
-    studies.open_study(studio, "waste-crane")
+def test_the_shipped_study_begins_in_japanese_for_who_reads_it(
+    client: Api, app: AppContext
+) -> None:
+    repository.create(app, repository.load_folder("waste-crane"))
+    repository.open_study(app, "waste-crane")
     page = client.get("/s/waste-crane", headers=JAPANESE)
     assert "クレーンでごみをまく" in page.text
     assert 'data-testid="consent"' in page.text

@@ -7,10 +7,11 @@ import re
 import pytest
 from sqlalchemy import func, select, text
 
-from app.services import proposals, studies
-from app.services.studies import StudyInfo
-from app.services.studio import Studio
-from app.storage.tables import Base
+from app.services.context import AppContext
+from app.services.proposals import proposer
+from app.services.studies import repository
+from app.services.studies.repository import StudyInfo
+from app.storage.models.studies import Base
 from tests.conftest import FROM_PROLIFIC, Clock, database_file
 
 from .client import Api, Session
@@ -41,11 +42,11 @@ def person(client: Api, recruit: Recruit, clock: Clock) -> Session:
     return session
 
 
-def rows_of_people(studio: Studio) -> dict[str, int]:
+def rows_of_people(app: AppContext) -> dict[str, int]:
     """How many rows each table has that holds something of a person; tombstones are counted too."""
-    with studio.database.read() as session:
+    with app.database.read() as db:
         counted = {
-            table.name: session.scalar(select(func.count()).select_from(table)) or 0
+            table.name: db.scalar(select(func.count()).select_from(table)) or 0
             for table in Base.metadata.sorted_tables
             if table.name not in OF_THE_STUDY
         }
@@ -59,16 +60,16 @@ def test_stopping_without_more_keeps_what_was_answered(client: Api, person: Sess
 
 
 def test_stopping_with_deletion_leaves_a_tombstone_and_nothing_else(
-    studio: Studio, person: Session, clock: Clock
+    app: AppContext, person: Session, clock: Clock
 ) -> None:
-    assert {"responses", "events", "identities", "preferences"} <= rows_of_people(studio).keys()
+    assert {"responses", "events", "identities", "preferences"} <= rows_of_people(app).keys()
     clock.forward(5 * 3600)
     answer = person.call("withdraw", {"delete": True})
     assert (answer.status_code, answer.json()["stage"]) == (200, "withdrawn")
     assert answer.json()["deleted"] is True
-    assert rows_of_people(studio) == {"tombstones": 1}
-    with studio.database.read() as session:
-        stone = session.execute(text("SELECT * FROM tombstones")).mappings().one()
+    assert rows_of_people(app) == {"tombstones": 1}
+    with app.database.read() as db:
+        stone = db.execute(text("SELECT * FROM tombstones")).mappings().one()
     assert (stone["mode"], stone["stage"]) == ("live", "query")
     assert str(stone["deleted_at"]).startswith("2026-03-01 00:00:00")
 
@@ -104,32 +105,34 @@ def test_exports_made_afterwards_hold_nothing_of_the_person(
 
 @pytest.mark.sqlite
 def test_nothing_of_the_person_is_left_in_the_files_of_the_database(
-    studio: Studio, person: Session
+    app: AppContext, person: Session
 ) -> None:
-    file = database_file(studio.settings)
+    file = database_file(app.settings)
     files = [file, file.with_name(f"{file.name}-wal")]
 
     def found(what: str) -> bool:
         return any(what.encode() in path.read_bytes() for path in files if path.exists())
 
-    with studio.database.read() as session:
-        pseudonym = session.scalar(text("SELECT pseudonym FROM participants")) or ""
+    with app.database.read() as db:
+        pseudonym = db.scalar(text("SELECT pseudonym FROM participants")) or ""
     secrets = (PLATFORM_ID, "told-by-the-browser", pseudonym)
     assert [found(secret) for secret in secrets] == [True] * 3
     person.call("withdraw", {"delete": True})
     assert [found(secret) for secret in secrets] == [False] * 3
 
 
-def test_what_was_worked_out_from_the_answers_is_forgotten(studio: Studio, person: Session) -> None:
-    assert studio.proposer.cached_seeds()
+def test_what_was_worked_out_from_the_answers_is_forgotten(
+    app: AppContext, person: Session
+) -> None:
+    assert app.proposer.cached_seeds()
     person.call("withdraw", {"delete": True})
-    assert not studio.proposer.cached_seeds()
+    assert not app.proposer.cached_seeds()
 
 
 def test_work_under_way_does_not_bring_a_deleted_trial_back(
-    studio: Studio, short_study: StudyInfo
+    app: AppContext, short_study: StudyInfo
 ) -> None:
-    trial = proposals.TrialInHand(
+    trial = proposer.TrialSpec(
         study_id=short_study.id,
         environment="env1",
         method="pbpo",
@@ -137,30 +140,30 @@ def test_work_under_way_does_not_bring_a_deleted_trial_back(
         seed=7,
         queries=4,
     )
-    studio.proposer.purge(frozenset({7}))
-    studio.proposer.step(trial, ((0, 1, "left"),))
-    assert not studio.proposer.cached_seeds()
+    app.proposer.purge(frozenset({7}))
+    app.proposer.step(trial, ((0, 1, "left"),))
+    assert not app.proposer.cached_seeds()
 
 
 @pytest.mark.parametrize("stage", ["consent", "familiarisation", "break", "completed", "withdrawn"])
 def test_whoever_wants_deletion_has_it_at_any_stage(
-    client: Api, studio: Studio, recruit: Recruit, clock: Clock, stage: str
+    client: Api, app: AppContext, recruit: Recruit, clock: Clock, stage: str
 ) -> None:
     recruit(FROM_PROLIFIC)
     session = client.start(external_ids={"PROLIFIC_PID": "x"}).to_stage(stage, clock.forward)
     answer = session.call("withdraw", {"delete": True})
     assert answer.status_code == 200, answer.text
     assert answer.json()["stage"] == ("declined" if stage == "consent" else "withdrawn")
-    assert rows_of_people(studio) == {"tombstones": 1}
+    assert rows_of_people(app) == {"tombstones": 1}
 
 
 def test_an_expired_session_can_still_be_deleted(
-    studio: Studio, person: Session, clock: Clock
+    app: AppContext, person: Session, clock: Clock
 ) -> None:
     clock.forward(15 * 24 * 3600)
     assert person.call("withdraw").status_code == 401
     assert person.call("withdraw", {"delete": True}).status_code == 200
-    assert rows_of_people(studio) == {"tombstones": 1}
+    assert rows_of_people(app) == {"tombstones": 1}
 
 
 # With a receipt
@@ -173,7 +176,7 @@ def receipt_of(client: Api) -> tuple[str, Session]:
 
 @pytest.mark.parametrize("typed", ["{}", " {} ", "lower", "spaced"])
 def test_a_receipt_deletes_however_it_is_typed(
-    client: Api, studio: Studio, short_study: StudyInfo, typed: str
+    client: Api, app: AppContext, short_study: StudyInfo, typed: str
 ) -> None:
     receipt, session = receipt_of(client)
     session.to_first_query().respond("left")
@@ -182,27 +185,27 @@ def test_a_receipt_deletes_however_it_is_typed(
     code = written.get(typed) or typed.format(receipt)
     answer = client.post("/api/v1/studies/short/deletions", json={"receipt": code})
     assert (answer.status_code, answer.content) == (204, b"")
-    assert rows_of_people(studio) == {"tombstones": 1}
+    assert rows_of_people(app) == {"tombstones": 1}
     again = client.post("/api/v1/studies/short/deletions", json={"receipt": code})
     assert (again.status_code, again.json()["type"]) == (404, "urn:pbpo-studio:problem:not-found")
 
 
 def test_a_receipt_of_another_study_or_of_nobody_deletes_nothing(
-    client: Api, studio: Studio, short_study: StudyInfo
+    client: Api, app: AppContext, short_study: StudyInfo
 ) -> None:
     receipt, _ = receipt_of(client)
     for slug, code in [("other", receipt), ("short", "AAAA-BBBB"), ("short", "-")]:
         answer = client.post(f"/api/v1/studies/{slug}/deletions", json={"receipt": code})
         assert answer.status_code == 404
-    assert rows_of_people(studio) == {"participants": 1, "sessions": 1}
+    assert rows_of_people(app) == {"participants": 1, "sessions": 1}
 
 
 @pytest.mark.sqlite
 def test_the_database_keeps_neither_token_nor_receipt(
-    client: Api, studio: Studio, short_study: StudyInfo
+    client: Api, app: AppContext, short_study: StudyInfo
 ) -> None:
     receipt, session = receipt_of(client)
-    dump = database_file(studio.settings).read_bytes()
+    dump = database_file(app.settings).read_bytes()
     for secret in (receipt, receipt.replace("-", ""), session.token):
         assert secret.encode() not in dump
 
@@ -221,7 +224,7 @@ def shown_receipt(client: Api, path: str = "") -> str | None:
 
 
 def test_the_page_to_leave_offers_to_keep_and_to_delete(
-    client: Api, studio: Studio, browsing: Session
+    client: Api, app: AppContext, browsing: Session
 ) -> None:
     page = client.get("/s/short/withdraw").text
     assert 'data-testid="withdraw-confirm"' in page
@@ -230,7 +233,7 @@ def test_the_page_to_leave_offers_to_keep_and_to_delete(
     assert (gone.status_code, gone.headers["location"]) == (303, "/s/short/deleted?lang=en")
     assert f'{COOKIE}=""' in gone.headers["set-cookie"]
     assert heading(client.get("/s/short/deleted")) == "Everything is deleted"
-    assert rows_of_people(studio) == {"tombstones": 1}
+    assert rows_of_people(app) == {"tombstones": 1}
 
 
 def test_deleting_twice_leads_back_to_the_study(client: Api, browsing: Session) -> None:
@@ -278,7 +281,7 @@ def test_after_the_end_the_receipt_is_shown_once_and_to_nobody_who_comes_from_el
 
 
 def test_a_receipt_is_typed_into_a_page_that_needs_no_session(
-    client: Api, studio: Studio, short_study: StudyInfo
+    client: Api, app: AppContext, short_study: StudyInfo
 ) -> None:
     receipt, _ = receipt_of(client)
     assert heading(client.get("/s/short/delete")) == "Delete my answers"
@@ -287,11 +290,11 @@ def test_a_receipt_is_typed_into_a_page_that_needs_no_session(
     assert 'role="alert"' in wrong.text
     assert "&lt;b&gt;none" in wrong.text
     asked = client.post("/s/short/delete", data={"receipt": receipt.lower()})
-    assert (asked.status_code, rows_of_people(studio)["sessions"]) == (200, 1)
+    assert (asked.status_code, rows_of_people(app)["sessions"]) == (200, 1)
     assert 'name="confirmed" value="yes"' in asked.text
     gone = client.post("/s/short/delete", data={"receipt": receipt.lower(), "confirmed": "yes"})
     assert (gone.status_code, gone.headers["location"]) == (303, "/s/short/deleted?lang=en")
-    assert rows_of_people(studio) == {"tombstones": 1}
+    assert rows_of_people(app) == {"tombstones": 1}
 
 
 @pytest.mark.parametrize("stage", ["instructions", "query", "completed", "withdrawn"])
@@ -304,12 +307,12 @@ def test_no_code_is_filled_in_that_the_person_did_not_bring(
     assert not re.search(r"[2-9B-DF-HJ-NP-TV-XZ]{4}(-[2-9B-DF-HJ-NP-TV-XZ]{4}){3}", page)
 
 
-def test_a_closed_study_still_deletes(client: Api, studio: Studio, short_study: StudyInfo) -> None:
+def test_a_closed_study_still_deletes(client: Api, app: AppContext, short_study: StudyInfo) -> None:
     receipt, _ = receipt_of(client)
-    studies.close_study(studio, "short")
+    repository.close_study(app, "short")
     given = {"receipt": receipt, "confirmed": "yes"}
     assert client.post("/s/short/delete", data=given).status_code == 303
-    assert rows_of_people(studio) == {"tombstones": 1}
+    assert rows_of_people(app) == {"tombstones": 1}
 
 
 @pytest.mark.parametrize("path", ["delete", "deleted"])

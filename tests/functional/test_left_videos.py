@@ -9,33 +9,34 @@ from pathlib import Path
 
 import pytest
 
-from app.services import left_videos, lifecycle, periodic_tasks, slugs, studies
-from app.services.errors import ConflictError
-from app.services.studio import Studio
+from app.services.context import AppContext
+from app.services.maintenance import periodic_tasks
+from app.services.runtime.errors import ConflictError
+from app.services.studies import lifecycle, orphaned_videos, repository, slugs
 from tests.conftest import Clock
 
 from .own_study import write_own_study
 
 
-def names(studio: Studio) -> set[str]:
-    return {path.name for path in studio.settings.own_videos.glob("*.mp4")}
+def names(app: AppContext) -> set[str]:
+    return {path.name for path in app.settings.own_videos.glob("*.mp4")}
 
 
-def notes(studio: Studio) -> list[Path]:
-    return list((studio.settings.data_dir / "left-videos").iterdir())
+def notes(app: AppContext) -> list[Path]:
+    return list((app.settings.data_dir / "left-videos").iterdir())
 
 
-def age(studio: Studio, clock: Clock, **time: float) -> None:
+def age(app: AppContext, clock: Clock, **time: float) -> None:
     """The notes that are there were written so long ago."""
     at = (clock.now() - timedelta(**time)).timestamp()
-    for path in notes(studio):
+    for path in notes(app):
         os.utime(path, (at, at))
 
 
-def later(studio: Studio, clock: Clock, **time: float) -> int:
+def later(app: AppContext, clock: Clock, **time: float) -> int:
     """Sweep when the notes that are there are so old."""
-    age(studio, clock, **time)
-    return left_videos.sweep(studio)
+    age(app, clock, **time)
+    return orphaned_videos.sweep(app)
 
 
 @pytest.fixture
@@ -55,64 +56,64 @@ def smaller(whole: Path, tmp_path: Path) -> Path:
     return folder
 
 
-def create(studio: Studio, folder: Path) -> None:
-    whole = studies.load_folder(str(folder))
-    studies.create(studio, whole, proof=slugs.Proof(is_asked=True))
+def create(app: AppContext, folder: Path) -> None:
+    whole = repository.load_folder(str(folder))
+    repository.create(app, whole, proof=slugs.Proof(is_asked=True))
 
 
 def test_what_a_draft_that_is_made_again_has_no_more_goes_after_a_day(
-    studio: Studio, whole: Path, smaller: Path, clock: Clock
+    app: AppContext, whole: Path, smaller: Path, clock: Clock
 ) -> None:
-    create(studio, whole)
-    assert notes(studio) == []
-    create(studio, smaller)
-    another = studio.settings.own_videos / f"{'0' * 64}.mp4"
+    create(app, whole)
+    assert notes(app) == []
+    create(app, smaller)
+    another = app.settings.own_videos / f"{'0' * 64}.mp4"
     another.write_bytes(b"another studio's")
-    assert later(studio, clock, hours=23) == 0
-    assert len(names(studio)) == 5
-    assert later(studio, clock, hours=25) == 1
-    assert notes(studio) == []
+    assert later(app, clock, hours=23) == 0
+    assert len(names(app)) == 5
+    assert later(app, clock, hours=25) == 1
+    assert notes(app) == []
     assert another.exists()
-    studies.open_study(studio, "kettles")
-    assert len(names(studio)) == 4
+    repository.open_study(app, "kettles")
+    assert len(names(app)) == 4
 
 
 def test_what_a_study_that_was_refused_has_brought_goes_after_a_day(
-    studio: Studio, whole: Path, smaller: Path, clock: Clock
+    app: AppContext, whole: Path, smaller: Path, clock: Clock
 ) -> None:
-    create(studio, smaller)
-    studies.open_study(studio, "kettles")
-    kept = names(studio)
+    create(app, smaller)
+    repository.open_study(app, "kettles")
+    kept = names(app)
     with pytest.raises(ConflictError, match="is open"):
-        create(studio, whole)
-    assert len(names(studio)) == 4
-    age(studio, clock, days=2)
+        create(app, whole)
+    assert len(names(app)) == 4
+    age(app, clock, days=2)
     # As the server does it each hour.
-    periodic_tasks.run_all(studio)
-    assert names(studio) == kept
+    periodic_tasks.run_all(app)
+    assert names(app) == kept
 
 
 def test_a_study_that_is_put_together_keeps_what_another_one_that_goes_has_too(
-    studio: Studio, smaller: Path, clock: Clock
+    app: AppContext, smaller: Path, clock: Clock
 ) -> None:
-    create(studio, smaller)
-    shared, *_ = sorted(names(studio))
-    with left_videos.until_stored(studio, {shared}):
-        lifecycle.delete(studio, "kettles")
-        assert names(studio) == {shared}
-        assert later(studio, clock, hours=23) == 0
-    assert notes(studio) == []
+    create(app, smaller)
+    shared, *_ = sorted(names(app))
+    with orphaned_videos.until_stored(app, {shared}):
+        lifecycle.delete(app, "kettles")
+        assert names(app) == {shared}
+        assert later(app, clock, hours=23) == 0
+    assert notes(app) == []
     # A process that was killed over it is not waited for.
-    with left_videos.until_stored(studio, {shared}):
-        assert later(studio, clock, hours=25) == 1
-    assert names(studio) == set()
+    with orphaned_videos.until_stored(app, {shared}):
+        assert later(app, clock, hours=25) == 1
+    assert names(app) == set()
 
 
 def test_a_sweep_that_is_told_to_stop_goes_on_the_next_time(
-    studio: Studio, whole: Path, smaller: Path, clock: Clock
+    app: AppContext, whole: Path, smaller: Path, clock: Clock
 ) -> None:
-    create(studio, whole)
-    create(studio, smaller)
-    age(studio, clock, days=2)
-    assert left_videos.sweep(studio, lambda: True) == 0
-    assert left_videos.sweep(studio) == 1
+    create(app, whole)
+    create(app, smaller)
+    age(app, clock, days=2)
+    assert orphaned_videos.sweep(app, lambda: True) == 0
+    assert orphaned_videos.sweep(app) == 1

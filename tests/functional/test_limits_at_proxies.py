@@ -10,7 +10,7 @@ from pathlib import Path
 import httpx
 import pytest
 
-from app.web.body_limit import LIMITS, SMALL, TEXTS, WITH_EVENTS, limit_of
+from app.web.http.body_limit import LIMITS, SMALL, TEXTS, WITH_EVENTS, limit_of
 
 from .proxies import Caddy, Nginx, Proxy
 

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from app.services import studies
-from app.services.accounts import Role
-from app.services.audit import trail
-from app.services.studio import Studio
+from app.services.accounts.accounts import Role
+from app.services.accounts.audit_log import trail
+from app.services.context import AppContext
+from app.services.studies import repository
 from tests.conftest import SHORT_PLAN, write_study
 
 from .client import Api
@@ -25,8 +25,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def desk(client: Api, studio: Studio) -> Desk:
-    return Desk(client, studio, "mo@lab.example", Role.EXPERIMENTER)
+def desk(client: Api, app: AppContext) -> Desk:
+    return Desk(client, app, "mo@lab.example", Role.EXPERIMENTER)
 
 
 def broken(folder: Path, target: Path) -> Path:
@@ -41,7 +41,7 @@ def broken(folder: Path, target: Path) -> Path:
 
 
 def test_a_zip_becomes_a_study_of_the_one_who_sent_it(
-    desk: Desk, studio: Studio, folder: Path
+    desk: Desk, app: AppContext, folder: Path
 ) -> None:
     here = desk.begin({"kettles.zip": zipped(folder, "kettles/")})
     page = desk.get(here)
@@ -50,19 +50,19 @@ def test_a_zip_becomes_a_study_of_the_one_who_sent_it(
     assert here in desk.get("/studies").text
     made = desk.post(f"{here}/create")
     assert (made.status_code, made.headers["location"]) == (303, "/studies/kettles")
-    assert studies.find(studio, "kettles").status == "draft"
+    assert repository.find(app, "kettles").status == "draft"
     assert desk.get("/studies/kettles").status_code == 200
     assert desk.get(here).status_code == 404
-    assert not (studio.settings.uploads_dir / here.strip("/")).exists()
-    entry = trail(studio, "kettles")[0]
+    assert not (app.settings.uploads_dir / here.strip("/")).exists()
+    entry = trail(app, "kettles")[0]
     assert (entry.actor, entry.action) == ("mo@lab.example", "study created")
 
 
 def test_files_that_are_at_another_server_are_said_to_be_and_can_be_given_up(
-    desk: Desk, studio: Studio, folder: Path
+    desk: Desk, app: AppContext, folder: Path
 ) -> None:
     here = desk.begin({"kettles.zip": zipped(folder)})
-    shutil.rmtree(studio.settings.uploads_dir)
+    shutil.rmtree(app.settings.uploads_dir)
     for answer in (desk.get(here), desk.post(f"{here}/create"), desk.post(f"{here}/transcode")):
         assert answer.status_code == 404
         assert "begun at another one" in answer.text
@@ -88,7 +88,7 @@ def test_every_fault_is_named_at_once_with_file_row_expectation_and_what_came(
 
 
 def test_faults_are_put_right_by_words_on_a_page_and_by_files_sent_again(
-    desk: Desk, folder: Path, tmp_path: Path, studio: Studio
+    desk: Desk, folder: Path, tmp_path: Path, app: AppContext
 ) -> None:
     here = desk.begin({"kettles.zip": zipped(broken(folder, tmp_path / "broken"))})
     shown = desk.get(f"{here}/text?file=study.yaml").text
@@ -103,7 +103,7 @@ def test_faults_are_put_right_by_words_on_a_page_and_by_files_sent_again(
     assert desk.send(f"{here}/files", again).status_code == 303
     assert "No fault found" in desk.get(here).text
     assert desk.post(f"{here}/create").status_code == 303
-    assert studies.recording_count(studio, studies.find(studio, "kettles").id) == 4
+    assert repository.recording_count(app, repository.find(app, "kettles").id) == 4
 
 
 def test_videos_beside_a_csv_begin_a_study_of_its_columns(desk: Desk, folder: Path) -> None:
@@ -131,11 +131,11 @@ def test_a_study_can_be_begun_from_its_settings_alone(desk: Desk) -> None:
 
 
 def test_a_draft_is_nobodys_but_its_makers(
-    desk: Desk, client: Api, studio: Studio, folder: Path
+    desk: Desk, client: Api, app: AppContext, folder: Path
 ) -> None:
     here = desk.begin({"kettles.zip": zipped(folder)})
     for role in (Role.ADMIN, Role.REVIEWER):
-        other = Desk(client, studio, f"{role}@lab.example", role)
+        other = Desk(client, app, f"{role}@lab.example", role)
         assert other.get(here).status_code == 404
         assert other.get(f"{here}/text?file=study.yaml").status_code == 404
         assert other.send(f"{here}/files", {"a.csv": b""}).status_code == 404
@@ -147,26 +147,26 @@ def test_a_draft_is_nobodys_but_its_makers(
     assert client.get(here).headers["location"] == f"/sign-in?next={here}"
 
 
-def test_a_reviewer_makes_no_study(client: Api, studio: Studio) -> None:
-    reviewer = Desk(client, studio, "rev@lab.example", Role.REVIEWER)
+def test_a_reviewer_makes_no_study(client: Api, app: AppContext) -> None:
+    reviewer = Desk(client, app, "rev@lab.example", Role.REVIEWER)
     assert "Make a study" not in reviewer.get("/studies").text
     assert reviewer.get("/studies/new").status_code == 403
     assert reviewer.send("/drafts", {}, name="x").status_code == 403
 
 
-def test_a_form_that_is_not_ours_brings_no_file(desk: Desk, studio: Studio) -> None:
+def test_a_form_that_is_not_ours_brings_no_file(desk: Desk, app: AppContext) -> None:
     desk.csrf = "0" * 64
     assert desk.send("/drafts", {"a.csv": b"x"}).status_code == 403
     assert desk.send("/drafts", {"a.csv": b"x"}, csrf_token="").status_code == 403
-    assert list((studio.settings.uploads_dir).rglob("*.csv")) == []
+    assert list((app.settings.uploads_dir).rglob("*.csv")) == []
 
 
 def test_somebody_elses_draft_study_is_not_replaced(
-    desk: Desk, client: Api, studio: Studio, folder: Path
+    desk: Desk, client: Api, app: AppContext, folder: Path
 ) -> None:
     here = desk.begin({"kettles.zip": zipped(folder)})
     assert desk.post(f"{here}/create").status_code == 303
-    other = Desk(client, studio, "zoe@lab.example", Role.EXPERIMENTER)
+    other = Desk(client, app, "zoe@lab.example", Role.EXPERIMENTER)
     theirs = other.begin({"kettles.zip": zipped(folder)})
     answer = other.post(f"{theirs}/create")
     assert answer.status_code == 422
@@ -183,9 +183,9 @@ def test_a_study_is_not_called_as_a_page_is(desk: Desk, tmp_path: Path) -> None:
     assert "another slug" in answer.text
 
 
-def test_a_draft_is_thrown_away_with_its_files(desk: Desk, studio: Studio, folder: Path) -> None:
+def test_a_draft_is_thrown_away_with_its_files(desk: Desk, app: AppContext, folder: Path) -> None:
     here = desk.begin({"kettles.zip": zipped(folder)})
-    place = studio.settings.uploads_dir / here.strip("/")
+    place = app.settings.uploads_dir / here.strip("/")
     assert (place / "study.yaml").is_file()
     assert desk.post(f"{here}/remove", file="videos/a.mp4").status_code == 303
     assert not (place / "videos" / "a.mp4").exists()
@@ -203,7 +203,7 @@ def test_no_other_file_is_read_or_written_as_a_text(desk: Desk, folder: Path, na
     assert desk.post(f"{here}/text", file=name, text="x").status_code in (409, 422)
 
 
-def test_the_form_and_the_file_are_one_thing(desk: Desk, folder: Path, studio: Studio) -> None:
+def test_the_form_and_the_file_are_one_thing(desk: Desk, folder: Path, app: AppContext) -> None:
     here = desk.begin({"kettles.zip": zipped(folder)})
     shown = desk.get(f"{here}/settings").text
     assert 'value="with skip"' in shown
@@ -212,7 +212,7 @@ def test_the_form_and_the_file_are_one_thing(desk: Desk, folder: Path, studio: S
     given |= {"method:1": "knockout", "environment:1": "kitchen"}
     given |= {"queries": "6", "places": "12", "csrf_token": desk.csrf}
     assert desk.post(f"{here}/settings", **given).status_code == 303
-    text = (studio.settings.uploads_dir / here.strip("/") / "study.yaml").read_text()
+    text = (app.settings.uploads_dir / here.strip("/") / "study.yaml").read_text()
     expected = (folder / "study.yaml").read_text().replace("trial: 4", "trial: 6")
     assert text.replace("places: 12\n", "").strip() == expected.strip()
     assert 'value="6"' in desk.get(f"{here}/settings").text

@@ -8,10 +8,11 @@ from typing import Any
 
 import pytest
 
-from app.services import answers, seen_events, studies
-from app.services.studies import StudyInfo
-from app.services.studio import Studio
-from app.services.watching.troubles import troubles
+from app.services.context import AppContext
+from app.services.monitoring.incidents import troubles
+from app.services.sessions import event_limits, responses
+from app.services.studies import repository
+from app.services.studies.repository import StudyInfo
 from tests.conftest import SHORT_PLAN, StudyShelf
 
 from .client import Api, Session
@@ -33,14 +34,14 @@ def left_out(client: Api, api_token: str) -> list[int]:
     return [int(value) for value in table[table["event"] == "left_out"]["value"]]
 
 
-def told(studio: Studio) -> list[str]:
-    study = studies.find(studio, "short")
-    return [one.said for one in troubles(studio, study) if one.name == "events"]
+def told(app: AppContext) -> list[str]:
+    study = repository.find(app, "short")
+    return [one.said for one in troubles(app, study) if one.name == "events"]
 
 
 @pytest.mark.parametrize("number", [61, 1_001, 5_000])
 def test_an_answer_with_too_many_events_is_taken(
-    client: Api, studio: Studio, short_study: StudyInfo, api_token: str, number: int
+    client: Api, app: AppContext, short_study: StudyInfo, api_token: str, number: int
 ) -> None:
     session = client.start().to_first_query()
     seen = [event(at=at) for at in range(number - 1)] + [event("watched", number, value=0.5)]
@@ -49,11 +50,11 @@ def test_an_answer_with_too_many_events_is_taken(
     assert session.state["progress"]["query"] == 2
 
     table = kept(client, api_token)
-    assert len(table) == seen_events.MOST_A_CALL + 2
+    assert len(table) == event_limits.MOST_A_CALL + 2
     # What is told in the end is among what is kept.
     assert table["event"].to_list()[-3:] == ["watched", "replays", "left_out"]
-    assert left_out(client, api_token) == [number - seen_events.MOST_A_CALL]
-    (sentence,) = told(studio)
+    assert left_out(client, api_token) == [number - event_limits.MOST_A_CALL]
+    (sentence,) = told(app)
     assert sentence.startswith(f"{number - 60:,} event" if number > 61 else "One event")
     assert len(client.table("queries", api_token)["response"].dropna()) == 1
 
@@ -76,15 +77,15 @@ def test_events_of_unknown_names_are_counted_and_long_values_cut(
     assert answer.status_code == 200
     table = kept(client, api_token)
     assert table["event"].to_list() == ["error", "left_out"]
-    assert table["value"].str.len().max() <= seen_events.LONGEST_VALUE
+    assert table["value"].str.len().max() <= event_limits.LONGEST_VALUE
     assert left_out(client, api_token) == [4]
 
 
 def test_a_session_that_sends_without_end_stores_no_more(
-    client: Api, studio: Studio, short_study: StudyInfo, api_token: str, monkeypatch: Any
+    client: Api, app: AppContext, short_study: StudyInfo, api_token: str, monkeypatch: Any
 ) -> None:
-    monkeypatch.setattr(seen_events, "MOST_A_SESSION", 130)
-    monkeypatch.setattr(seen_events, "A_PAIR", 1)
+    monkeypatch.setattr(event_limits, "MOST_A_SESSION", 130)
+    monkeypatch.setattr(event_limits, "A_PAIR", 1)
     session = client.start().to_first_query()
     for _ in range(4):
         assert report(session, [event()] * 1_000).status_code == 200
@@ -92,13 +93,13 @@ def test_a_session_that_sends_without_end_stores_no_more(
     table = kept(client, api_token)
     assert (table["event"] == "stall").sum() <= 130
     assert sum(left_out(client, api_token)) + (table["event"] == "stall").sum() == 4_010
-    assert told(studio)
+    assert told(app)
 
 
 def test_a_session_sets_a_bounded_number_of_pairs_aside(
     client: Api, short_study: StudyInfo, monkeypatch: Any
 ) -> None:
-    monkeypatch.setattr(answers, "MOST_FAULTS", 3)
+    monkeypatch.setattr(responses, "MOST_FAULTS", 3)
     session = client.start().to_first_query()
     assert [report(session, []).status_code for _ in range(2)] == [200, 200]
     session.respond("left")
@@ -107,16 +108,16 @@ def test_a_session_sets_a_bounded_number_of_pairs_aside(
     assert session.respond("left").status_code == 200
 
 
-def report(session: Session, events: list[dict[str, Any]]) -> Any:
-    return session.call("faults", {"query_id": session.state["query"]["id"], "events": events})
+def report(db: Session, events: list[dict[str, Any]]) -> Any:
+    return db.call("faults", {"query_id": db.state["query"]["id"], "events": events})
 
 
-def test_a_long_study_keeps_what_its_pages_tell(studio: Studio, study_shelf: StudyShelf) -> None:
-    study_shelf.put_into(studio, SHORT_PLAN)
-    plan = studies.find(studio, "short").plan
-    assert seen_events.most_of_a_session(plan) == seen_events.MOST_A_SESSION
+def test_a_long_study_keeps_what_its_pages_tell(app: AppContext, study_shelf: StudyShelf) -> None:
+    study_shelf.put_into(app, SHORT_PLAN)
+    plan = repository.find(app, "short").plan
+    assert event_limits.most_of_a_session(plan) == event_limits.MOST_A_SESSION
     long = plan.model_copy(update={"queries_per_trial": 100})
-    assert seen_events.most_of_a_session(long) == seen_events.A_PAIR * 100 * plan.trials
+    assert event_limits.most_of_a_session(long) == event_limits.A_PAIR * 100 * plan.trials
 
 
 def test_every_event_that_a_page_tells_is_known() -> None:
@@ -126,7 +127,7 @@ def test_every_event_that_a_page_tells_is_known() -> None:
             re.findall(r'(?:evidence\.add|this\.add|onEvent)\("(\w+)"', script.read_text("utf-8"))
         )
     assert len(named) > 12
-    assert named <= seen_events.NAMES
+    assert named <= event_limits.NAMES
 
 
 def test_a_page_sends_no_more_than_is_kept() -> None:
@@ -134,4 +135,4 @@ def test_a_page_sends_no_more_than_is_kept() -> None:
     found = re.search(r"MOST_EVENTS = (\d+);", script)
     assert found is not None
     # Seven come in the end, and the press.
-    assert int(found[1]) + 8 <= seen_events.MOST_A_CALL
+    assert int(found[1]) + 8 <= event_limits.MOST_A_CALL

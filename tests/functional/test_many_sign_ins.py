@@ -10,11 +10,15 @@ from contextlib import contextmanager
 import pytest
 from sqlalchemy import event
 
-from app.services import accounts, audit, hashing, tries
-from app.services.errors import SignInRequiredError, TooManyPasswordsError, TooManyTriesError
-from app.services.studio import Studio
-from app.storage.accounts import FailedSignIn
-from app.storage.records import AuditEvent
+from app.services.accounts import accounts, audit_log, login_rate_limit, password_hash_limit
+from app.services.context import AppContext
+from app.services.runtime.errors import (
+    SignInRequiredError,
+    TooManyPasswordsError,
+    TooManyTriesError,
+)
+from app.storage.models.accounts import FailedSignIn
+from app.storage.models.records import AuditEvent
 from tests.conftest import Clock
 
 from .client import Api
@@ -29,32 +33,32 @@ STRANGERS = "nobody@home.example"
 @contextmanager
 def another_ones_turn() -> Iterator[None]:
     """Within this, somebody's password is being looked at."""
-    with hashing._turn:
+    with password_hash_limit._turn:
         yield
 
 
 def test_made_up_addresses_leave_nothing_for_good(
-    client: Api, studio: Studio, api_token: str, clock: Clock
+    client: Api, app: AppContext, api_token: str, clock: Clock
 ) -> None:
-    before = rows(studio, AuditEvent)
+    before = rows(app, AuditEvent)
     for number in range(3):
         assert sign_in(client, f"{number}@home.example", "guess").status_code == 401
-    assert rows(studio, AuditEvent) == before
+    assert rows(app, AuditEvent) == before
     clock.forward(15 * 60)
     assert sign_in(client).status_code == 303
-    assert rows(studio, FailedSignIn) == 0
+    assert rows(app, FailedSignIn) == 0
 
 
 def test_a_wrong_password_is_in_the_trail_where_there_is_an_account(
-    client: Api, studio: Studio, api_token: str
+    client: Api, app: AppContext, api_token: str
 ) -> None:
     assert sign_in(client, EMAIL, "guess").status_code == 401
-    newest = audit.trail(studio)[0]
+    newest = audit_log.trail(app)[0]
     assert (newest.action, newest.details) == ("sign-in failed", {"account": EMAIL})
 
 
 def test_an_address_is_written_for_as_often_whether_somebody_has_it_or_not(
-    studio: Studio, api_token: str
+    app: AppContext, api_token: str
 ) -> None:
     written: list[str] = []
 
@@ -62,12 +66,12 @@ def test_an_address_is_written_for_as_often_whether_somebody_has_it_or_not(
         if statement.startswith(("INSERT", "UPDATE")):
             written.append(statement)
 
-    event.listen(studio.database.engine, "before_cursor_execute", look)
+    event.listen(app.database.engine, "before_cursor_execute", look)
     writers = []
     for email in (EMAIL, STRANGERS):
         written.clear()
         with pytest.raises(SignInRequiredError):
-            accounts.sign_in(studio, email, "guess")
+            accounts.sign_in(app, email, "guess")
         # All but what is added to the trail, in the last of the transactions.
         writers.append([one for one in written if "audit_events" not in one])
     assert writers[0] == writers[1]
@@ -75,14 +79,14 @@ def test_an_address_is_written_for_as_often_whether_somebody_has_it_or_not(
 
 
 def test_whoever_gets_no_turn_is_told_to_come_back_and_nothing_was_tried(
-    client: Api, studio: Studio, api_token: str, monkeypatch: pytest.MonkeyPatch
+    client: Api, app: AppContext, api_token: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(hashing, "PATIENCE_S", 0.01)
+    monkeypatch.setattr(password_hash_limit, "PATIENCE_S", 0.01)
     with another_ones_turn():
         refusal = sign_in(client)
     assert (refusal.status_code, refusal.headers["retry-after"]) == (429, "10")
     assert "Too many are signing in just now" in refusal.text
-    assert rows(studio, FailedSignIn) == 0
+    assert rows(app, FailedSignIn) == 0
     assert sign_in(client).status_code == 303
 
     given = {"old": PASSWORD, "new": NEW_PASSWORD, "again": NEW_PASSWORD}
@@ -92,13 +96,13 @@ def test_whoever_gets_no_turn_is_told_to_come_back_and_nothing_was_tried(
     assert send(client, "/account/password", "/account", **given).status_code == 303
 
 
-def test_only_a_few_wait_for_their_turn(studio: Studio, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(hashing, "_places", threading.BoundedSemaphore(2))
+def test_only_a_few_wait_for_their_turn(app: AppContext, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(password_hash_limit, "_places", threading.BoundedSemaphore(2))
     # Whoever waits does so for longer than this test.
-    monkeypatch.setattr(hashing, "PATIENCE_S", 600)
+    monkeypatch.setattr(password_hash_limit, "PATIENCE_S", 600)
 
     def one_more() -> None:
-        with hashing.one_at_a_time(studio):
+        with password_hash_limit.one_at_a_time(app):
             pass
 
     with ThreadPoolExecutor() as threads:
@@ -110,37 +114,37 @@ def test_only_a_few_wait_for_their_turn(studio: Studio, monkeypatch: pytest.Monk
         assert [one.result(20) for one in waiting] == [None, None]
 
 
-def test_of_two_tries_at_once_the_second_sees_the_first(studio: Studio) -> None:
-    now = studio.now()
-    with studio.database.write() as session:
-        for _ in range(tries.TRIES - 1):
-            tries.spend(session, now, EMAIL)
+def test_of_two_tries_at_once_the_second_sees_the_first(app: AppContext) -> None:
+    now = app.now()
+    with app.database.write() as db:
+        for _ in range(login_rate_limit.TRIES - 1):
+            login_rate_limit.spend(db, now, EMAIL)
 
     def the_eleventh() -> None:
-        with studio.database.write() as session:
-            tries.spend(session, now, EMAIL)
+        with app.database.write() as db:
+            login_rate_limit.spend(db, now, EMAIL)
 
     with ThreadPoolExecutor(1) as thread:
-        with studio.database.write() as session:
-            tries.spend(session, now, EMAIL)
-            session.flush()
+        with app.database.write() as db:
+            login_rate_limit.spend(db, now, EMAIL)
+            db.flush()
             another = thread.submit(the_eleventh)
             # It has to wait; one that does not has counted nine, and is let through.
             wait([another], timeout=0.3)
         with pytest.raises(TooManyTriesError):
             another.result(20)
-    assert rows(studio, FailedSignIn) == tries.TRIES
+    assert rows(app, FailedSignIn) == login_rate_limit.TRIES
 
 
 @pytest.mark.postgresql
-def test_those_who_try_another_address_do_not_wait(studio: Studio) -> None:
-    now = studio.now()
+def test_those_who_try_another_address_do_not_wait(app: AppContext) -> None:
+    now = app.now()
 
     def another_address() -> None:
-        with studio.database.write() as session:
-            tries.spend(session, now, STRANGERS)
+        with app.database.write() as db:
+            login_rate_limit.spend(db, now, STRANGERS)
 
-    with ThreadPoolExecutor(1) as thread, studio.database.write() as session:
-        tries.spend(session, now, EMAIL)
-        session.flush()
+    with ThreadPoolExecutor(1) as thread, app.database.write() as db:
+        login_rate_limit.spend(db, now, EMAIL)
+        db.flush()
         thread.submit(another_address).result(20)

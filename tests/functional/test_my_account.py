@@ -8,11 +8,11 @@ import httpx
 import pytest
 from sqlalchemy import func, select
 
-from app.services import accounts
-from app.services.accounts import Scope
-from app.services.studies import StudyInfo
-from app.services.studio import Studio
-from app.storage.accounts import FailedSignIn
+from app.services.accounts import accounts
+from app.services.accounts.accounts import Scope
+from app.services.context import AppContext
+from app.services.studies.repository import StudyInfo
+from app.storage.models.accounts import FailedSignIn
 from tests.conftest import Clock, database_file
 
 from .client import Api
@@ -43,8 +43,8 @@ def shown_token(page: httpx.Response) -> str:
     return found[1]
 
 
-def test_a_new_password_signs_out_all_other_browsers(signed_in: Api, studio: Studio) -> None:
-    elsewhere = accounts.sign_in(studio, EMAIL, PASSWORD)
+def test_a_new_password_signs_out_all_other_browsers(signed_in: Api, app: AppContext) -> None:
+    elsewhere = accounts.sign_in(app, EMAIL, PASSWORD)
     assert change(signed_in, PASSWORD, NEW_PASSWORD).headers["location"].startswith("/account")
     assert "is changed" in signed_in.get("/account?changed=password").text
     signed_in.cookies.set(COOKIE, elsewhere)
@@ -72,8 +72,8 @@ def test_the_present_password_cannot_be_guessed_either(signed_in: Api) -> None:
     assert change(signed_in, PASSWORD, NEW_PASSWORD).status_code == 429
 
 
-def test_sign_ins_are_ended_one_by_one_and_all_at_once(signed_in: Api, studio: Studio) -> None:
-    others = [accounts.sign_in(studio, EMAIL, PASSWORD) for _ in range(3)]
+def test_sign_ins_are_ended_one_by_one_and_all_at_once(signed_in: Api, app: AppContext) -> None:
+    others = [accounts.sign_in(app, EMAIL, PASSWORD) for _ in range(3)]
     page = signed_in.get("/account").text
     assert page.count("This browser") == 1
     paths = re.findall(r"/account/sign-ins/\d+/end", page)
@@ -88,24 +88,24 @@ def test_sign_ins_are_ended_one_by_one_and_all_at_once(signed_in: Api, studio: S
         assert signed_in.get("/account").status_code == 303
 
 
-def test_nobody_ends_sign_ins_or_tokens_of_somebody_else(signed_in: Api, studio: Studio) -> None:
-    bob = accounts.create(studio, BOB, PASSWORD)
-    his = accounts.by_sign_in(studio, accounts.sign_in(studio, BOB, PASSWORD)).sign_in_id
-    token = accounts.create_api_token(studio, bob, "his")
+def test_nobody_ends_sign_ins_or_tokens_of_somebody_else(signed_in: Api, app: AppContext) -> None:
+    bob = accounts.create(app, BOB, PASSWORD)
+    his = accounts.by_sign_in(app, accounts.sign_in(app, BOB, PASSWORD)).sign_in_id
+    token = accounts.create_api_token(app, bob, "his")
     assert send(signed_in, f"/account/sign-ins/{his}/end", "/account").status_code == 404
     for number in range(1, 4):
         send(signed_in, f"/account/tokens/{number}/revoke", "/account")
-    assert accounts.by_api_token(studio, token).email == BOB
+    assert accounts.by_api_token(app, token).email == BOB
 
 
 @pytest.mark.sqlite
-def test_a_token_is_shown_once_kept_as_a_hash_and_revoked(signed_in: Api, studio: Studio) -> None:
+def test_a_token_is_shown_once_kept_as_a_hash_and_revoked(signed_in: Api, app: AppContext) -> None:
     token = shown_token(make_token(signed_in))
     assert token not in signed_in.get("/account").text
-    file = database_file(studio.settings)
+    file = database_file(app.settings)
     for path in (file, file.with_name(f"{file.name}-wal")):
         assert token.encode() not in path.read_bytes()
-    assert accounts.by_api_token(studio, token).scope is Scope.READ
+    assert accounts.by_api_token(app, token).scope is Scope.READ
     bearer = {"Authorization": f"Bearer {token}"}
     table = "/api/v1/studies/short/export/queries.csv"
     revoke = re.findall(r"/account/tokens/\d+/revoke", signed_in.get("/account").text)
@@ -121,11 +121,11 @@ def test_a_token_is_shown_once_kept_as_a_hash_and_revoked(signed_in: Api, studio
 
 
 def test_a_token_is_good_for_as_long_as_was_asked(
-    signed_in: Api, studio: Studio, clock: Clock
+    signed_in: Api, app: AppContext, clock: Clock
 ) -> None:
     token = shown_token(make_token(signed_in, days="1"))
     clock.forward(24 * 3600 - 1)
-    assert accounts.by_api_token(studio, token).email == EMAIL
+    assert accounts.by_api_token(app, token).email == EMAIL
     clock.forward(1)
     assert "Expired" in signed_in.get("/account").text
 
@@ -147,9 +147,9 @@ def test_what_no_token_can_be_is_refused(
     assert make_token(signed_in, **given).status_code == status
 
 
-def test_a_token_makes_no_tokens_and_changes_no_password(signed_in: Api, studio: Studio) -> None:
+def test_a_token_makes_no_tokens_and_changes_no_password(signed_in: Api, app: AppContext) -> None:
     """Also not with a cookie of its own, from which it could work out what a form must hold."""
-    token = accounts.create_api_token(studio, accounts.find(studio, EMAIL), "write")
+    token = accounts.create_api_token(app, accounts.find(app, EMAIL), "write")
     signed_in.cookies.clear()
     form = form_token(signed_in.get("/sign-in"))
     bearer = {"Authorization": f"Bearer {token}"}
@@ -188,11 +188,11 @@ def test_after_ten_tries_each_further_one_has_to_wait_longer(
 
 
 def test_addresses_are_counted_apart_and_however_they_are_typed(
-    client: Api, studio: Studio, api_token: str
+    client: Api, app: AppContext, api_token: str
 ) -> None:
     for number in range(10):
         sign_in(client, f" {EMAIL.upper() if number % 2 else EMAIL}", "guess number")
-    accounts.create(studio, BOB, PASSWORD)
+    accounts.create(app, BOB, PASSWORD)
     assert sign_in(client, EMAIL, PASSWORD).status_code == 429
     assert sign_in(client, BOB, PASSWORD).status_code == 303
 
@@ -206,11 +206,11 @@ def test_who_gets_in_begins_to_count_anew(client: Api, api_token: str) -> None:
 
 @pytest.mark.sqlite
 def test_tries_are_kept_for_minutes_and_without_the_address(
-    client: Api, studio: Studio, api_token: str, clock: Clock
+    client: Api, app: AppContext, api_token: str, clock: Clock
 ) -> None:
     sign_in(client, "nobody@home.example", "guess number 1")
     clock.forward(15 * 60)
     sign_in(client, "somebody@home.example", "guess number 2")
-    with studio.database.read() as session:
-        assert session.scalar(select(func.count(FailedSignIn.id))) == 1
-    assert b"home.example" not in database_file(studio.settings).read_bytes()
+    with app.database.read() as db:
+        assert db.scalar(select(func.count(FailedSignIn.id))) == 1
+    assert b"home.example" not in database_file(app.settings).read_bytes()

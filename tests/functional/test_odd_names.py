@@ -9,11 +9,11 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from app.services import drafts
-from app.services.accounts import Role
-from app.services.draft_files import Sent
-from app.services.studio import Studio
-from app.services.uploads import UploadRefusedError
+from app.services.accounts.accounts import Role
+from app.services.context import AppContext
+from app.services.drafts import drafts
+from app.services.drafts.files import Sent
+from app.services.drafts.uploads import UploadRefusedError
 from tests.unit.study.test_odd_yaml import ODD
 
 from .client import Api
@@ -22,8 +22,8 @@ from .test_hostile_uploads import packed
 
 
 @pytest.fixture
-def desk(client: Api, studio: Studio) -> Desk:
-    return Desk(client, studio, "mo@lab.example", Role.EXPERIMENTER)
+def desk(client: Api, app: AppContext) -> Desk:
+    return Desk(client, app, "mo@lab.example", Role.EXPERIMENTER)
 
 
 NAMES = [
@@ -93,13 +93,13 @@ def test_a_refused_name_is_told_why(desk: Desk, name: str, sentence: str) -> Non
     assert (answer.status_code, sentence in answer.text) == (422, True)
 
 
-def test_two_files_of_one_name_are_not_one(desk: Desk, studio: Studio) -> None:
+def test_two_files_of_one_name_are_not_one(desk: Desk, app: AppContext) -> None:
     here = desk.begin({}, name="Odd")
-    draft = drafts.find(studio, desk.account, here.rpartition("/")[2])
+    draft = drafts.find(app, desk.account, here.rpartition("/")[2])
     for first, second in (("a.txt", "A.txt"), ("a.txt", "a.txt"), ("a", "a/b.txt")):
         sent = [Sent(first, packed_file(b"1")), Sent(second, packed_file(b"2"))]
         with pytest.raises(UploadRefusedError, match="Expected"):
-            drafts.add(studio, desk.account, draft, sent)
+            drafts.add(app, desk.account, draft, sent)
     assert "a.txt" not in desk.get(here).text
 
 
@@ -121,15 +121,15 @@ def packed_file(content: bytes) -> io.BytesIO:
     content=st.binary(max_size=30),
 )
 def test_no_names_are_a_fault_of_ours(
-    desk: Desk, studio: Studio, names: list[str], content: bytes
+    desk: Desk, app: AppContext, names: list[str], content: bytes
 ) -> None:
-    draft = drafts.begin(studio, desk.account, "Odd")
+    draft = drafts.begin(app, desk.account, "Odd")
     for sent in ([Sent(name, io.BytesIO(content)) for name in names], [_zip_of(names, content)]):
         with contextlib.suppress(UploadRefusedError):
-            drafts.add(studio, desk.account, draft, sent)
+            drafts.add(app, desk.account, draft, sent)
         drafts.files(draft)
         assert drafts.text_of(draft, "study.yaml")
-    drafts.discard(studio, draft)
+    drafts.discard(app, draft)
 
 
 @pytest.mark.filterwarnings("ignore:Duplicate name:UserWarning")

@@ -8,9 +8,11 @@ from datetime import timedelta
 
 import pytest
 
-from app.services import audit, drafts, old_drafts, periodic_tasks
-from app.services.accounts import Role
-from app.services.studio import Studio
+from app.services.accounts import audit_log
+from app.services.accounts.accounts import Role
+from app.services.context import AppContext
+from app.services.drafts import drafts
+from app.services.maintenance import expired_drafts, periodic_tasks
 from tests.conftest import Clock
 
 from .client import Api
@@ -20,26 +22,26 @@ DAY = 24 * 3600.0
 
 
 @pytest.fixture
-def desk(client: Api, studio: Studio) -> Desk:
-    return Desk(client, studio, "mo@lab.example", Role.EXPERIMENTER)
+def desk(client: Api, app: AppContext) -> Desk:
+    return Desk(client, app, "mo@lab.example", Role.EXPERIMENTER)
 
 
 def test_a_draft_is_thrown_away_after_days_without_a_change(
-    desk: Desk, studio: Studio, clock: Clock
+    desk: Desk, app: AppContext, clock: Clock
 ) -> None:
     # For longer than a sign-in lasts: what is there is asked of the service.
-    begun = drafts.begin(studio, desk.account, "Old")
-    changed = drafts.begin(studio, desk.account, "New")
+    begun = drafts.begin(app, desk.account, "Old")
+    changed = drafts.begin(app, desk.account, "New")
     clock.forward(30 * DAY)
-    drafts.write_text(studio, changed, "notes.txt", "still at it")
+    drafts.write_text(app, changed, "notes.txt", "still at it")
     clock.forward(30 * DAY - 1)
-    assert old_drafts.sweep(studio) == 0
+    assert expired_drafts.sweep(app) == 0
     clock.forward(1)
-    periodic_tasks.run_all(studio)
-    assert [draft.name for draft in drafts.mine(studio, desk.account)] == ["New"]
+    periodic_tasks.run_all(app)
+    assert [draft.name for draft in drafts.mine(app, desk.account)] == ["New"]
     assert not begun.folder.exists()
     assert drafts.text_of(changed, "notes.txt") == "still at it"
-    line = audit.trail(studio)[0]
+    line = audit_log.trail(app)[0]
     assert (line.actor, line.action) == ("retention rule", "old draft removed")
     assert line.details == {"draft": begun.public_id}
 
@@ -57,27 +59,27 @@ def test_its_page_says_until_when_it_is_kept(desk: Desk, clock: Clock) -> None:
 
 
 def test_the_days_are_a_setting_and_a_sweep_can_be_stopped(
-    desk: Desk, studio: Studio, clock: Clock
+    desk: Desk, app: AppContext, clock: Clock
 ) -> None:
-    settings = studio.settings.model_copy(update={"drafts_kept_days": 3})
-    object.__setattr__(studio, "settings", settings)
+    settings = app.settings.model_copy(update={"drafts_kept_days": 3})
+    object.__setattr__(app, "settings", settings)
     for name in ("one", "two"):
-        drafts.begin(studio, desk.account, name)
+        drafts.begin(app, desk.account, name)
     clock.forward(3 * DAY)
     asked = iter([False, True, True])
-    assert old_drafts.sweep(studio, lambda: next(asked)) == 1
-    assert old_drafts.sweep(studio) == 1
+    assert expired_drafts.sweep(app, lambda: next(asked)) == 1
+    assert expired_drafts.sweep(app) == 1
 
 
 def test_a_folder_of_an_upload_that_was_cut_off_is_removed_and_one_under_way_stays(
-    desk: Desk, studio: Studio, clock: Clock
+    desk: Desk, app: AppContext, clock: Clock
 ) -> None:
-    kept = drafts.begin(studio, desk.account, "Kept").folder
+    kept = drafts.begin(app, desk.account, "Kept").folder
     for name, age in (("cut-off", timedelta(days=2)), ("under-way", timedelta(hours=1))):
-        folder = drafts.folder_of(studio, name)
+        folder = drafts.folder_of(app, name)
         folder.mkdir()
         (folder / "a.mp4").write_bytes(b"x")
         at = (clock.now() - age).timestamp()
         os.utime(folder, (at, at))
-    assert old_drafts.sweep(studio) == 1
+    assert expired_drafts.sweep(app) == 1
     assert sorted(path.name for path in kept.parent.iterdir()) == sorted([kept.name, "under-way"])

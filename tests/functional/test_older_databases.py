@@ -13,9 +13,11 @@ import pandas as pd
 import pytest
 
 from app.main import create_app
-from app.services import replay, studies
-from app.services.settings import Settings
-from app.services.studio import Studio, open_studio
+from app.services.bootstrap import open_app
+from app.services.context import AppContext
+from app.services.runtime.settings import Settings
+from app.services.sessions import replay
+from app.services.studies import repository
 from app.storage.schema import MIGRATIONS
 from tests.conftest import Clock, Idle
 
@@ -61,18 +63,18 @@ def rows(database: Path) -> dict[str, int]:
 
 
 @pytest.fixture
-def upgraded(rows: dict[str, int], settings: Settings) -> Iterator[Studio]:
+def upgraded(rows: dict[str, int], settings: Settings) -> Iterator[AppContext]:
     """The studio that the present code makes of it, some minutes later."""
     clock = Clock()
     clock.forward(300)
-    studio = open_studio(settings, now=clock.now, background=Idle(1))
-    yield studio
-    studio.close()
+    app = open_app(settings, now=clock.now, background=Idle(1))
+    yield app
+    app.close()
 
 
 @pytest.fixture
-def client(upgraded: Studio) -> Iterator[Api]:
-    with Api(create_app(studio=upgraded)) as api:
+def client(upgraded: AppContext) -> Iterator[Api]:
+    with Api(create_app(app=upgraded)) as api:
         yield api
 
 
@@ -91,7 +93,9 @@ def test_every_schema_has_a_database_of_its_time() -> None:
     assert {folder.name.removeprefix("schema_") for folder in FOLDERS} == schemas
 
 
-def test_every_row_is_still_there(rows: dict[str, int], upgraded: Studio, database: Path) -> None:
+def test_every_row_is_still_there(
+    rows: dict[str, int], upgraded: AppContext, database: Path
+) -> None:
     assert rows["responses"] == 9
     with closing(sqlite3.connect(database)) as connection:
         now = count_rows(connection)
@@ -123,21 +127,21 @@ def test_every_export_says_what_the_former_version_said(
         pd.testing.assert_frame_equal(now[list(before.columns)], before, obj=path.name)
 
 
-def test_every_query_is_worked_out_again_as_it_was_stored(upgraded: Studio) -> None:
+def test_every_query_is_worked_out_again_as_it_was_stored(upgraded: AppContext) -> None:
     trials = list(replay.replay(upgraded, "kettles"))
     assert len(trials) == 3
     assert [trial.differences for trial in trials if trial.differences] == []
 
 
 def test_who_was_half_way_goes_on_to_the_end(client: Api, known: dict[str, str]) -> None:
-    session = Session(client, known["session"], {})
-    assert session.look()["query"]["id"] == known["query"]
-    assert session.state["progress"]["query"] == 2
-    pressed = session.to_the_end(by_turns("left"), lambda _: None)
+    db = Session(client, known["session"], {})
+    assert db.look()["query"]["id"] == known["query"]
+    assert db.state["progress"]["query"] == 2
+    pressed = db.to_the_end(by_turns("left"), lambda _: None)
     assert len(pressed) == 7
-    assert session.state["stage"] == "completed"
+    assert db.state["stage"] == "completed"
 
 
-def test_it_takes_new_people(client: Api, upgraded: Studio) -> None:
-    assert studies.find(upgraded, "kettles").status == "open"
+def test_it_takes_new_people(client: Api, upgraded: AppContext) -> None:
+    assert repository.find(upgraded, "kettles").status == "open"
     assert client.start("kettles").to_first_query().respond("left").status_code == 200

@@ -10,10 +10,12 @@ from pathlib import Path
 import httpx
 import pytest
 
-from app.services import account_list, accounts, studies
-from app.services.settings import Settings
-from app.services.studio import Studio, open_studio
-from app.web.live import MOST_STREAMS
+from app.services.accounts import accounts, administration
+from app.services.bootstrap import open_app
+from app.services.context import AppContext
+from app.services.runtime.settings import Settings
+from app.services.studies import repository
+from app.web.http.server_sent_events import MOST_STREAMS
 from tests.conftest import SHORT_PLAN, Idle, StudyShelf
 
 from .served import Served
@@ -30,26 +32,24 @@ SECONDS_S = 10.0
 @pytest.fixture(scope="module")
 def at_work(
     tmp_path_factory: pytest.TempPathFactory, media_dir: Path, study_shelf: StudyShelf
-) -> Iterator[tuple[Studio, str]]:
+) -> Iterator[tuple[AppContext, str]]:
     folder = tmp_path_factory.mktemp("streams")
-    studio = open_studio(
-        Settings(data_dir=folder / "data", media_dir=media_dir), background=Idle(1)
-    )
-    study_shelf.put_into(studio, SHORT_PLAN)
-    assert studies.find(studio, "short").status == "open"
-    accounts.create(studio, "root@lab.example", PASSWORD)
+    app = open_app(Settings(data_dir=folder / "data", media_dir=media_dir), background=Idle(1))
+    study_shelf.put_into(app, SHORT_PLAN)
+    assert repository.find(app, "short").status == "open"
+    accounts.create(app, "root@lab.example", PASSWORD)
     with Served("serve", folder / "data", media_dir) as server:
-        yield studio, server.url
-    studio.close()
+        yield app, server.url
+    app.close()
 
 
-def signed_in(studio: Studio, url: str, email: str) -> httpx.Client:
-    accounts.create(studio, email, PASSWORD, accounts.Role.ADMIN)
-    return again(studio, url, email)
+def signed_in(app: AppContext, url: str, email: str) -> httpx.Client:
+    accounts.create(app, email, PASSWORD, accounts.Role.ADMIN)
+    return again(app, url, email)
 
 
-def again(studio: Studio, url: str, email: str) -> httpx.Client:
-    cookie = accounts.sign_in(studio, email, PASSWORD)
+def again(app: AppContext, url: str, email: str) -> httpx.Client:
+    cookie = accounts.sign_in(app, email, PASSWORD)
     # A line for each stream.
     return httpx.Client(
         base_url=url,
@@ -70,9 +70,9 @@ def seconds_to_its_end(stream: httpx.Response) -> float:
     return time.monotonic() - begun
 
 
-def test_an_account_has_ten_streams_open_and_no_more(at_work: tuple[Studio, str]) -> None:
-    studio, url = at_work
-    with signed_in(studio, url, "many@lab.example") as browser, ExitStack() as streams:
+def test_an_account_has_ten_streams_open_and_no_more(at_work: tuple[AppContext, str]) -> None:
+    app, url = at_work
+    with signed_in(app, url, "many@lab.example") as browser, ExitStack() as streams:
         first = ExitStack()
         assert opened(browser, first).status_code == 200
         for _ in range(MOST_STREAMS - 1):
@@ -81,7 +81,7 @@ def test_an_account_has_ten_streams_open_and_no_more(at_work: tuple[Studio, str]
         assert refused.status_code == 429
         assert int(refused.headers["retry-after"]) > 0
         # Of another account nothing is taken away.
-        with signed_in(studio, url, "few@lab.example") as other, ExitStack() as theirs:
+        with signed_in(app, url, "few@lab.example") as other, ExitStack() as theirs:
             assert opened(other, theirs).status_code == 200
 
         first.close()
@@ -93,14 +93,14 @@ def test_an_account_has_ten_streams_open_and_no_more(at_work: tuple[Studio, str]
 
 
 @pytest.mark.parametrize("how", ["signed out", "disabled"])
-def test_a_stream_ends_soon_after_its_sign_in(at_work: tuple[Studio, str], how: str) -> None:
-    studio, url = at_work
+def test_a_stream_ends_soon_after_its_sign_in(at_work: tuple[AppContext, str], how: str) -> None:
+    app, url = at_work
     email = f"{how.replace(' ', '-')}@lab.example"
-    with signed_in(studio, url, email) as browser, ExitStack() as streams:
+    with signed_in(app, url, email) as browser, ExitStack() as streams:
         stream = opened(browser, streams)
         assert stream.status_code == 200
         if how == "signed out":
-            accounts.sign_out(studio, browser.cookies["pbpo_sign_in"])
+            accounts.sign_out(app, browser.cookies["pbpo_sign_in"])
         else:
-            account_list.disable(studio, email, "root@lab.example")
+            administration.disable(app, email, "root@lab.example")
         assert seconds_to_its_end(stream) < SECONDS_S

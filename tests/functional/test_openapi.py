@@ -14,8 +14,8 @@ import pytest
 from hypothesis import given
 from hypothesis import seed as seeded
 
-from app.services import accounts
-from app.services.studio import Studio
+from app.services.accounts import accounts
+from app.services.context import AppContext
 from tests.conftest import Clock, StudyShelf
 from tests.databases import Databases
 from tests.fuzz import calls
@@ -77,18 +77,18 @@ class Callers:
 
 @pytest.fixture
 def callers(
-    studio: Studio,
+    app: AppContext,
     client: Api,
     study_shelf: StudyShelf,
     databases: Databases,
     clock: Clock,
 ) -> Callers:
     study_shelf.put_into(
-        studio, PLAN.replace("places: 2", "places: 100").replace("required: 1", "required: 0")
+        app, PLAN.replace("places: 2", "places: 100").replace("required: 1", "required: 0")
     )
-    account = accounts.create(studio, EMAIL, PASSWORD)
-    made = Callers(client, databases, studio.settings.url)
-    made.tokens = {NOBODY: None, EXPERIMENTER: accounts.create_api_token(studio, account, "tests")}
+    account = accounts.create(app, EMAIL, PASSWORD)
+    made = Callers(client, databases, app.settings.url)
+    made.tokens = {NOBODY: None, EXPERIMENTER: accounts.create_api_token(app, account, "tests")}
     for stage in STAGES:
         session = client.start().to_stage(stage, clock.forward)
         made.tokens[stage] = session.token
@@ -98,7 +98,7 @@ def callers(
             "index": 0,
             "answers": {"effort": 3},
         }
-    made.kept = databases.keep(studio.settings.url)
+    made.kept = databases.keep(app.settings.url)
     return made
 
 

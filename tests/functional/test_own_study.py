@@ -9,9 +9,9 @@ import av
 import pandas as pd
 import pytest
 
-from app.services import studies
-from app.services.studies import StudyInfo
-from app.services.studio import Studio
+from app.services.context import AppContext
+from app.services.studies import repository
+from app.services.studies.repository import StudyInfo
 from tests.conftest import Clock
 
 from .client import Api, by_turns
@@ -139,21 +139,21 @@ def test_a_video_that_is_not_there_is_not_found(
 
 @pytest.mark.parametrize("called", [".webm", ".mov", ".m4v"])
 def test_a_video_is_called_what_it_is_and_not_what_its_name_says(
-    client: Api, studio: Studio, tmp_path: Path, called: str
+    client: Api, app: AppContext, tmp_path: Path, called: str
 ) -> None:
     folder = write_own_study(tmp_path / "kettles")
     for video in (folder / "videos").iterdir():
         video.rename(video.with_suffix(called))
     recordings = folder / "recordings.csv"
     recordings.write_text(recordings.read_text().replace(".mp4", called))
-    studies.create(studio, studies.load_folder(str(folder)))
-    studies.open_study(studio, "kettles")
+    repository.create(app, repository.load_folder(str(folder)))
+    repository.open_study(app, "kettles")
     url = client.start("kettles").to_first_query().state["query"]["left"]["url"]
     assert client.get(url).headers["content-type"] == "video/mp4"
 
 
 def test_a_video_is_handed_out_without_its_metadata(
-    client: Api, studio: Studio, tmp_path: Path
+    client: Api, app: AppContext, tmp_path: Path
 ) -> None:
     folder = write_own_study(tmp_path / "kettles")
     for video in (folder / "videos").iterdir():
@@ -170,20 +170,20 @@ def test_a_video_is_handed_out_without_its_metadata(
                     written.mux(packet)
         plain.unlink()
         assert b"SECRET" in video.read_bytes()
-    studies.create(studio, studies.load_folder(str(folder)))
-    studies.open_study(studio, "kettles")
+    repository.create(app, repository.load_folder(str(folder)))
+    repository.open_study(app, "kettles")
     query = client.start("kettles").to_first_query().state["query"]
     for side in ("left", "right"):
         assert b"SECRET" not in client.get(query[side]["url"]).content
-    for kept in studio.settings.own_videos.glob("*.mp4"):
+    for kept in app.settings.own_videos.glob("*.mp4"):
         assert b"SECRET" not in kept.read_bytes()
 
 
 def test_a_video_whose_file_has_gone_is_not_found_and_the_session_goes_on(
-    client: Api, own_study: StudyInfo, studio: Studio
+    client: Api, own_study: StudyInfo, app: AppContext
 ) -> None:
     session = client.start("kettles").to_first_query()
-    for video in studio.settings.uploads_dir.iterdir():
+    for video in app.settings.uploads_dir.iterdir():
         video.unlink()
     refusal = client.get(session.state["query"]["left"]["url"])
     assert refusal.status_code == 404
@@ -192,13 +192,13 @@ def test_a_video_whose_file_has_gone_is_not_found_and_the_session_goes_on(
 
 
 def test_creating_a_study_leaves_its_folder_as_it_was_and_needs_it_no_more(
-    client: Api, studio: Studio, tmp_path: Path
+    client: Api, app: AppContext, tmp_path: Path
 ) -> None:
     folder = write_own_study(tmp_path / "moved")
     before = sorted(path.name for path in folder.rglob("*"))
-    studies.create(studio, studies.load_folder(str(folder)))
+    repository.create(app, repository.load_folder(str(folder)))
     assert sorted(path.name for path in folder.rglob("*")) == before
-    studies.open_study(studio, "kettles")
+    repository.open_study(app, "kettles")
     folder.rename(tmp_path / "elsewhere")
     state = client.start("kettles").to_first_query().state
     assert client.get(state["query"]["right"]["url"]).status_code == 200

@@ -8,9 +8,10 @@ from typing import Any
 import httpx
 import pytest
 
-from app.services import accounts, studies
-from app.services.studies import StudyInfo
-from app.services.studio import Studio
+from app.services.accounts import accounts
+from app.services.context import AppContext
+from app.services.studies import repository
+from app.services.studies.repository import StudyInfo
 from tests.conftest import FROM_PROLIFIC, Clock
 
 from .client import Api, Session
@@ -54,8 +55,8 @@ def in_browser(client: Api, stage: str, clock: Clock) -> Session:
     return session
 
 
-def token_for(studio: Studio) -> str:
-    return accounts.create_api_token(studio, accounts.create(studio, EMAIL, PASSWORD), "tests")
+def token_for(app: AppContext) -> str:
+    return accounts.create_api_token(app, accounts.create(app, EMAIL, PASSWORD), "tests")
 
 
 def kept(client: Api, api_token: str) -> int:
@@ -130,25 +131,25 @@ def test_declining_leaves_no_trace(client: Api, short_study: StudyInfo, api_toke
 
 
 def test_declining_a_session_that_began_leaves_no_platform_id(
-    client: Api, recruit: Recruit, studio: Studio
+    client: Api, recruit: Recruit, app: AppContext
 ) -> None:
     recruit(FROM_PROLIFIC)
     session = client.start(external_ids={"PROLIFIC_PID": "abc"})
     client.cookies.set(COOKIE, session.token)
     sent_on(client.post("/s/short/decline"))
     assert heading(client.get("/s/short")) == HEADINGS["declined"]
-    assert client.table("identities", token_for(studio)).empty
+    assert client.table("identities", token_for(app)).empty
 
 
 def test_a_platforms_ids_travel_from_the_link_to_the_identities(
-    client: Api, recruit: Recruit, studio: Studio
+    client: Api, recruit: Recruit, app: AppContext
 ) -> None:
     recruit(FROM_PROLIFIC)
     link = "?PROLIFIC_PID=5f0c&STUDY_ID=77&SESSION_ID=s%26x&empty="
     page = client.get(f"/s/short{link}")
     assert 'action="/s/short/consent?PROLIFIC_PID=5f0c&amp;STUDY_ID=77' in page.text
     agree(client, link)
-    identities = client.table("identities", token_for(studio))
+    identities = client.table("identities", token_for(app))
     rows = identities[["key", "value"]].to_numpy().tolist()
     assert {key: str(value) for key, value in rows} == {
         "PROLIFIC_PID": "5f0c",
@@ -158,7 +159,7 @@ def test_a_platforms_ids_travel_from_the_link_to_the_identities(
 
 
 def test_a_link_with_much_besides_lets_one_in_and_an_id_that_is_too_long_does_not(
-    client: Api, recruit: Recruit, studio: Studio
+    client: Api, recruit: Recruit, app: AppContext
 ) -> None:
     recruit(FROM_PROLIFIC)
     link = "?" + "&".join(f"key{'k' * 80}{n}={'v' * 300}" for n in range(15))
@@ -168,7 +169,7 @@ def test_a_link_with_much_besides_lets_one_in_and_an_id_that_is_too_long_does_no
         assert "does not say clearly who you are" in page.text
         assert client.post(f"/s/short/consent{query}", data={"version": "0"}).status_code == 422
     sent_on(agree(client, f"{link}&PROLIFIC_PID={'v' * 200}"))
-    identities = client.table("identities", token_for(studio))
+    identities = client.table("identities", token_for(app))
     assert identities[["key", "value"]].to_numpy().tolist() == [["PROLIFIC_PID", "v" * 200]]
 
 
@@ -285,10 +286,10 @@ def test_an_expired_session_says_so_and_then_lets_one_begin_again(
 
 
 def test_a_study_that_is_not_open_says_so(
-    client: Api, studio: Studio, short_study: StudyInfo, api_token: str
+    client: Api, app: AppContext, short_study: StudyInfo, api_token: str
 ) -> None:
     given = {"version": version(client.get("/s/short"))}
-    studies.close_study(studio, "short")
+    repository.close_study(app, "short")
     page = client.get("/s/short")
     assert (page.status_code, heading(page)) == (409, "This study is not open")
     assert client.post("/s/short/consent", data=given).status_code == 409
@@ -296,10 +297,10 @@ def test_a_study_that_is_not_open_says_so(
 
 
 def test_a_closed_study_lets_those_inside_finish(
-    client: Api, studio: Studio, short_study: StudyInfo, clock: Clock
+    client: Api, app: AppContext, short_study: StudyInfo, clock: Clock
 ) -> None:
     in_browser(client, "query", clock)
-    studies.close_study(studio, "short")
+    repository.close_study(app, "short")
     assert heading(client.get("/s/short")) == HEADINGS["query"]
 
 

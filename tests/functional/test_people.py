@@ -8,12 +8,13 @@ import httpx
 import pytest
 from sqlalchemy import select
 
-from app.services import accounts, audit, sharing
-from app.services.accounts import Role
-from app.services.studies import StudyInfo
-from app.services.studio import Studio
-from app.storage.accounts import StudyAccess
-from app.storage.tables import Participant, Study
+from app.services.accounts import accounts, audit_log
+from app.services.accounts.accounts import Role
+from app.services.context import AppContext
+from app.services.studies import sharing
+from app.services.studies.repository import StudyInfo
+from app.storage.models.accounts import StudyAccess
+from app.storage.models.studies import Participant, Study
 
 from .client import Api
 from .conftest import EMAIL, PASSWORD
@@ -26,17 +27,17 @@ PEOPLE = "/studies/short/people"
 
 
 @pytest.fixture
-def owner(client: Api, studio: Studio, short_study: StudyInfo, api_token: str) -> Api:
+def owner(client: Api, app: AppContext, short_study: StudyInfo, api_token: str) -> Api:
     """Bob, whose study it is, is signed in; Carol has an account; Ada is an admin."""
-    bob = accounts.create(studio, BOB, PASSWORD)
-    accounts.create(studio, CAROL, PASSWORD)
-    with studio.database.write() as session:
-        session.add(
+    bob = accounts.create(app, BOB, PASSWORD)
+    accounts.create(app, CAROL, PASSWORD)
+    with app.database.write() as db:
+        db.add(
             StudyAccess(
                 study_id=short_study.id,
                 account_id=bob.account_id,
                 access="owner",
-                created_at=studio.now(),
+                created_at=app.now(),
             )
         )
     assert sign_in(client, BOB).status_code == 303
@@ -48,15 +49,15 @@ def send(client: Api, action: str, **fields: str) -> httpx.Response:
     return client.post(f"{PEOPLE}/{action}", data={"csrf_token": token, **fields})
 
 
-def pseudonyms(studio: Studio) -> list[str]:
-    with studio.database.read() as session:
-        return list(session.scalars(select(Participant.pseudonym).order_by(Participant.id)))
+def pseudonyms(app: AppContext) -> list[str]:
+    with app.database.read() as db:
+        return list(db.scalars(select(Participant.pseudonym).order_by(Participant.id)))
 
 
-def test_a_study_is_shared_and_taken_back(owner: Api, studio: Studio) -> None:
+def test_a_study_is_shared_and_taken_back(owner: Api, app: AppContext) -> None:
     for _ in range(2):
         assert send(owner, "share", email=f" {CAROL.upper()}").status_code == 303
-    assert [(tie.email, tie.is_owner) for tie in sharing.ties(studio, "short")] == [
+    assert [(tie.email, tie.is_owner) for tie in sharing.ties(app, "short")] == [
         (BOB, True),
         (CAROL, False),
     ]
@@ -68,7 +69,7 @@ def test_a_study_is_shared_and_taken_back(owner: Api, studio: Studio) -> None:
     # Who it is shared with does not share it on, nor takes it from others.
     assert "/people/share" not in page
     assert send(owner, "share", email=EMAIL).status_code == 403
-    carol = str(accounts.find(studio, CAROL).account_id)
+    carol = str(accounts.find(app, CAROL).account_id)
     assert send(owner, "unshare", account_id=carol).status_code == 403
     owner.cookies.clear()
     sign_in(owner, BOB)
@@ -77,12 +78,12 @@ def test_a_study_is_shared_and_taken_back(owner: Api, studio: Studio) -> None:
     owner.cookies.clear()
     sign_in(owner, CAROL)
     assert owner.get("/studies/short").status_code == 404
-    done = [(line.action, line.actor) for line in audit.trail(studio, "short")]
+    done = [(line.action, line.actor) for line in audit_log.trail(app, "short")]
     assert done[:2] == [("sharing ended", BOB), ("study shared", BOB)]
 
 
-def test_whom_a_study_cannot_be_shared_with_is_said(owner: Api, studio: Studio) -> None:
-    accounts.create(studio, "rev@board.example", PASSWORD, Role.REVIEWER)
+def test_whom_a_study_cannot_be_shared_with_is_said(owner: Api, app: AppContext) -> None:
+    accounts.create(app, "rev@board.example", PASSWORD, Role.REVIEWER)
     for address, said in [
         ("nobody@lab.example", "there is no account of"),
         ("rev@board.example", "is a reviewer"),
@@ -91,44 +92,44 @@ def test_whom_a_study_cannot_be_shared_with_is_said(owner: Api, studio: Studio) 
         assert (page.status_code, said in page.text) == (409, True)
     # An owner stays one.
     send(owner, "share", email=BOB)
-    bob = str(accounts.find(studio, BOB).account_id)
+    bob = str(accounts.find(app, BOB).account_id)
     assert send(owner, "unshare", account_id=bob).status_code == 404
-    assert [tie.is_owner for tie in sharing.ties(studio, "short")] == [True]
+    assert [tie.is_owner for tie in sharing.ties(app, "short")] == [True]
 
 
-def test_a_receipt_that_somebody_sent_deletes_them(owner: Api, studio: Studio) -> None:
+def test_a_receipt_that_somebody_sent_deletes_them(owner: Api, app: AppContext) -> None:
     answer = owner.post("/api/v1/studies/short/sessions", json={}).json()
     wrong = send(owner, "delete-by-receipt", receipt="7KQ2-MXRD-9FWT-4BHC")
     assert (wrong.status_code, "Nothing is kept under this code" in wrong.text) == (404, True)
     done = send(owner, "delete-by-receipt", receipt=answer["receipt"].lower())
     assert done.headers["location"] == f"{PEOPLE}?deleted=yes"
     assert "is deleted" in owner.get(done.headers["location"]).text
-    assert rows_of_people(studio)["tombstones"] == 1
-    assert pseudonyms(studio) == []
+    assert rows_of_people(app)["tombstones"] == 1
+    assert pseudonyms(app) == []
 
 
-def test_a_participant_is_deleted_after_a_question(owner: Api, studio: Studio) -> None:
+def test_a_participant_is_deleted_after_a_question(owner: Api, app: AppContext) -> None:
     stays = owner.start().to_first_query()
     owner.start().to_first_query().respond("left")
-    first, second = pseudonyms(studio)
+    first, second = pseudonyms(app)
     page = owner.get(PEOPLE).text
     links = re.findall(rf'href="({PEOPLE}/delete\?participant=[^"]+)"', page)
     assert [link.rsplit("=")[-1] for link in links] == [second, first]
     asked = owner.get(links[0])
     assert f"Delete {second}?" in asked.text
-    assert pseudonyms(studio) == [first, second]
+    assert pseudonyms(app) == [first, second]
     assert send(owner, "delete", participant=second).status_code == 303
-    assert pseudonyms(studio) == [first]
+    assert pseudonyms(app) == [first]
     assert stays.look()["stage"] == "query"
-    line = audit.trail(studio, "short")[0]
+    line = audit_log.trail(app, "short")[0]
     assert (line.actor, line.action) == (BOB, "participant deleted")
     # The trail is never changed: a pseudonym in it would stay.
     assert second not in str(line.details)
 
 
-def test_a_pseudonym_is_found_however_it_is_typed(owner: Api, studio: Studio) -> None:
+def test_a_pseudonym_is_found_however_it_is_typed(owner: Api, app: AppContext) -> None:
     owner.start()
-    (name,) = pseudonyms(studio)
+    (name,) = pseudonyms(app)
     found = owner.get(f"{PEOPLE}/delete", params={"participant": f" {name.lower()} "})
     assert f"Delete {name}?" in found.text
     for unknown in ("P-2222-2222", "<b>", "' OR 1=1"):
@@ -136,22 +137,22 @@ def test_a_pseudonym_is_found_however_it_is_typed(owner: Api, studio: Studio) ->
         assert (page.status_code, "is none" in page.text) == (404, True)
         assert "<b>" not in page.text
         assert send(owner, "delete", participant=unknown).status_code == 404
-    assert pseudonyms(studio) == [name]
+    assert pseudonyms(app) == [name]
 
 
 def test_nobody_of_another_study_is_deleted(
-    owner: Api, studio: Studio, short_study: StudyInfo
+    owner: Api, app: AppContext, short_study: StudyInfo
 ) -> None:
-    with studio.database.write() as session:
+    with app.database.write() as db:
         others = short_study.id + 1
-        session.add(Study(id=others, slug="other", status="open", created_at=studio.now()))
-        session.flush()
-        session.add(Participant(study_id=others, pseudonym="P-XXXX-XXXX", created_at=studio.now()))
+        db.add(Study(id=others, slug="other", status="open", created_at=app.now()))
+        db.flush()
+        db.add(Participant(study_id=others, pseudonym="P-XXXX-XXXX", created_at=app.now()))
     assert send(owner, "delete", participant="P-XXXX-XXXX").status_code == 404
-    assert pseudonyms(studio) == ["P-XXXX-XXXX"]
+    assert pseudonyms(app) == ["P-XXXX-XXXX"]
 
 
-def test_the_studys_own_trail_is_read_by_those_who_run_it(owner: Api, studio: Studio) -> None:
+def test_the_studys_own_trail_is_read_by_those_who_run_it(owner: Api, app: AppContext) -> None:
     send(owner, "share", email=CAROL)
     page = owner.get("/studies/short/activity").text
     assert "study shared" in page

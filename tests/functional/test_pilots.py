@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from app.services import studies
-from app.services.accounts import Role
-from app.services.studies import StudyInfo
-from app.services.studio import Studio
+from app.services.accounts.accounts import Role
+from app.services.context import AppContext
+from app.services.studies import repository
+from app.services.studies.repository import StudyInfo
 from tests.conftest import SHORT_PLAN, Clock, write_study
 
 from .client import Api
@@ -46,12 +46,12 @@ def agree_by(client: Api, link: str) -> None:
 
 
 @pytest.fixture
-def desk(client: Api, studio: Studio, short_study: StudyInfo) -> Desk:
-    return Desk(client, studio, EMAIL, Role.ADMIN)
+def desk(client: Api, app: AppContext, short_study: StudyInfo) -> Desk:
+    return Desk(client, app, EMAIL, Role.ADMIN)
 
 
 def test_whoever_has_the_link_begins_a_pilot_and_is_told_on_every_page(
-    desk: Desk, studio: Studio
+    desk: Desk, app: AppContext
 ) -> None:
     client, link = desk.client, link_of(desk)
     assert heading(client.get(link)) == HEADINGS["consent"]
@@ -67,7 +67,7 @@ def test_whoever_has_the_link_begins_a_pilot_and_is_told_on_every_page(
 
 
 @pytest.mark.parametrize("query", ["", "?entry=", "?entry=made-up", "?key=x"])
-def test_without_the_link_nobody_begins_one(desk: Desk, studio: Studio, query: str) -> None:
+def test_without_the_link_nobody_begins_one(desk: Desk, app: AppContext, query: str) -> None:
     client = desk.client
     client.cookies.clear()
     for _ in range(2):
@@ -75,7 +75,7 @@ def test_without_the_link_nobody_begins_one(desk: Desk, studio: Studio, query: s
         consent = client.post(f"{HERE}/consent{query}", data={"version": "x"})
         assert consent.status_code == 403
         link_of(desk)
-    assert rows_of_people(studio).keys() == {"sign_ins"}
+    assert rows_of_people(app).keys() == {"sign_ins"}
 
 
 def test_another_link_or_its_end_lets_nobody_in_by_the_first(desk: Desk) -> None:
@@ -89,7 +89,7 @@ def test_another_link_or_its_end_lets_nobody_in_by_the_first(desk: Desk) -> None
     assert desk.client.get(second).status_code == 403
 
 
-def test_a_pilot_is_left_out_of_results_unless_it_is_asked_for(desk: Desk, studio: Studio) -> None:
+def test_a_pilot_is_left_out_of_results_unless_it_is_asked_for(desk: Desk, app: AppContext) -> None:
     client = desk.client
     agree_by(client, link_of(desk))
     client.start()
@@ -114,10 +114,10 @@ def test_the_command_line_exports_pilots(
 
 
 def test_a_pilot_takes_no_place_and_weighs_in_no_balance(
-    client: Api, recruit: Recruit, studio: Studio
+    client: Api, recruit: Recruit, app: AppContext
 ) -> None:
     recruit("places: 1\n")
-    desk = Desk(client, studio, EMAIL, Role.ADMIN)
+    desk = Desk(client, app, EMAIL, Role.ADMIN)
     link = link_of(desk)
     for _ in range(3):
         agree_by(client, link)
@@ -131,10 +131,10 @@ def test_a_pilot_takes_no_place_and_weighs_in_no_balance(
 
 @pytest.mark.parametrize("end", ["completed", "withdrawn", "declined"])
 def test_no_pilot_is_given_a_code(
-    client: Api, recruit: Recruit, studio: Studio, clock: Clock, end: str
+    client: Api, recruit: Recruit, app: AppContext, clock: Clock, end: str
 ) -> None:
     recruit(CODES)
-    session = client.start(mode="pilot", by=token_for(studio)).to_stage(end, clock.forward)
+    session = client.start(mode="pilot", by=token_for(app)).to_stage(end, clock.forward)
     client.cookies.set("pbpo_pilot_session_short", session.token)
     page = client.get(HERE)
     assert page.status_code == 200
@@ -142,7 +142,7 @@ def test_no_pilot_is_given_a_code(
         assert "CODE-" not in text
 
 
-def test_by_a_call_pilots_are_experimenters(desk: Desk, studio: Studio) -> None:
+def test_by_a_call_pilots_are_experimenters(desk: Desk, app: AppContext) -> None:
     client = desk.client
     token = link_of(desk).partition("=")[2]
     for body in ({"mode": "pilot"}, {"mode": "pilot", "entry": token}):
@@ -156,17 +156,17 @@ def test_a_participants_link_after_a_pilot_begins_a_live_session(desk: Desk) -> 
 
 
 def test_a_draft_has_a_pilot_and_a_closed_study_none(
-    client: Api, studio: Studio, tmp_path: Path
+    client: Api, app: AppContext, tmp_path: Path
 ) -> None:
     folder = write_study(tmp_path / "study", SHORT_PLAN)
-    studies.create(studio, studies.load_folder(str(folder)))
-    desk = Desk(client, studio, EMAIL, Role.ADMIN)
+    repository.create(app, repository.load_folder(str(folder)))
+    desk = Desk(client, app, EMAIL, Role.ADMIN)
     link = link_of(desk)
     agree_by(client, link)
     client.cookies.clear()
-    studies.open_study(studio, "short")
+    repository.open_study(app, "short")
     assert heading(client.get(link)) == HEADINGS["consent"]
-    studies.close_study(studio, "short")
+    repository.close_study(app, "short")
     assert client.get(link).status_code == 409
     assert desk.post("/studies/short/pilot/link").status_code == 409
 

@@ -9,10 +9,10 @@ import httpx
 import pytest
 from sqlalchemy import text
 
-from app.services import studies
-from app.services.studies import StudyInfo
-from app.services.studio import Studio
-from app.web.in_line import WRITING
+from app.services.context import AppContext
+from app.services.studies import repository
+from app.services.studies.repository import StudyInfo
+from app.web.http.concurrency import WRITING
 from tests.conftest import SHORT_PLAN, Clock, StudyShelf
 
 from .client import Api, Session
@@ -29,15 +29,15 @@ AWAY = "You were away for too long"
 
 
 @pytest.fixture
-def small_study(studio: Studio, study_shelf: StudyShelf) -> StudyInfo:
-    study_shelf.put_into(studio, PLACES_PLAN)
-    return studies.find(studio, "short")
+def small_study(app: AppContext, study_shelf: StudyShelf) -> StudyInfo:
+    study_shelf.put_into(app, PLACES_PLAN)
+    return repository.find(app, "short")
 
 
-def left_behind(client: Api, shelf: StudyShelf, studio: Studio, policy: str) -> Session:
+def left_behind(client: Api, shelf: StudyShelf, app: AppContext, policy: str) -> Session:
     """A session at a query, in the browser, in a study with this policy and an age of 2 hours."""
     rule = f"\nresume: {{policy: {policy}, max_age_hours: 2}}\n"
-    shelf.put_into(studio, SHORT_PLAN + rule)
+    shelf.put_into(app, SHORT_PLAN + rule)
     session = client.start().to_first_query()
     client.cookies.set(COOKIE, session.token)
     return session
@@ -59,10 +59,10 @@ def test_nobody_is_let_in_when_active_sessions_fill_the_places(
 
 
 def test_whoever_comes_from_a_platform_and_finds_no_place_gets_its_code(
-    client: Api, studio: Studio, study_shelf: StudyShelf
+    client: Api, app: AppContext, study_shelf: StudyShelf
 ) -> None:
     said = "recruitment: {platform: prolific, codes: {completed: C1, screened_out: FULL2}}\n"
-    study_shelf.put_into(studio, PLACES_PLAN.replace("places: 2", "places: 1") + said)
+    study_shelf.put_into(app, PLACES_PLAN.replace("places: 2", "places: 1") + said)
     client.start()
     page = client.get("/s/short?PROLIFIC_PID=5f0c")
     assert (page.status_code, heading(page)) == (409, FULL)
@@ -106,9 +106,9 @@ def test_the_last_place_taken_meanwhile_shows_that_none_is_left(
 
 @pytest.mark.postgresql
 def test_the_last_place_is_one_persons_of_all_who_ask_two_servers_for_it_at_once(
-    studio: Studio, study_shelf: StudyShelf, tmp_path: Path, media_dir: Path
+    app: AppContext, study_shelf: StudyShelf, tmp_path: Path, media_dir: Path
 ) -> None:
-    study_shelf.put_into(studio, PLACES_PLAN.replace("places: 2", "places: 1"))
+    study_shelf.put_into(app, PLACES_PLAN.replace("places: 2", "places: 1"))
     for name in ("one", "other"):
         (tmp_path / name).mkdir()
     with (
@@ -116,31 +116,31 @@ def test_the_last_place_is_one_persons_of_all_who_ask_two_servers_for_it_at_once
         Served("serve", tmp_path / "other" / "data", media_dir) as other,
         ThreadPoolExecutor(2 * WRITING) as people,
     ):
-        with studio.database.write() as held:
+        with app.database.write() as held:
             # Each who looked for a place before the others wrote has to wait here before they do.
             held.execute(text("LOCK TABLE participants IN EXCLUSIVE MODE"))
             asking = [
                 people.submit(httpx.post, f"{url}/api/v1/studies/short/sessions", json={})
                 for url in WRITING * (one.url, other.url)
             ]
-            until(lambda: waiting(studio) == len(asking), "all of them wait")
+            until(lambda: waiting(app) == len(asking), "all of them wait")
         statuses = sorted(answer.result().status_code for answer in asking)
     assert statuses == [201] + [409] * (len(asking) - 1)
 
 
-def waiting(studio: Studio) -> int:
+def waiting(app: AppContext) -> int:
     """How many wait for somebody else's lock in the studio's database."""
     blocked = "datname = current_database() AND wait_event_type = 'Lock'"
-    with studio.database.read() as session:
-        found = session.scalar(text(f"SELECT count(*) FROM pg_stat_activity WHERE {blocked}"))
+    with app.database.read() as db:
+        found = db.scalar(text(f"SELECT count(*) FROM pg_stat_activity WHERE {blocked}"))
     return int(found)
 
 
 @pytest.mark.parametrize("policy", ["resume", "restart", "block"])
 def test_within_the_age_everybody_goes_on_where_they_were(
-    client: Api, studio: Studio, study_shelf: StudyShelf, clock: Clock, policy: str
+    client: Api, app: AppContext, study_shelf: StudyShelf, clock: Clock, policy: str
 ) -> None:
-    session = left_behind(client, study_shelf, studio, policy)
+    session = left_behind(client, study_shelf, app, policy)
     clock.forward(2 * 3600 - 1)
     assert heading(client.get("/s/short")) == "Which one is better?"
     assert session.respond("left").status_code == 200
@@ -150,9 +150,9 @@ def test_within_the_age_everybody_goes_on_where_they_were(
 
 
 def test_after_too_long_a_session_cannot_be_resumed_and_another_may_begin(
-    client: Api, studio: Studio, study_shelf: StudyShelf, clock: Clock
+    client: Api, app: AppContext, study_shelf: StudyShelf, clock: Clock
 ) -> None:
-    session = left_behind(client, study_shelf, studio, "resume")
+    session = left_behind(client, study_shelf, app, "resume")
     clock.forward(2 * 3600)
     refusal = session.respond("left")
     assert refusal.status_code == 401
@@ -167,12 +167,12 @@ def test_after_too_long_a_session_cannot_be_resumed_and_another_may_begin(
 
 def test_after_too_long_a_study_may_begin_anew_with_the_same_participant(
     client: Api,
-    studio: Studio,
+    app: AppContext,
     study_shelf: StudyShelf,
     clock: Clock,
     request: Request,
 ) -> None:
-    left_behind(client, study_shelf, studio, "restart")
+    left_behind(client, study_shelf, app, "restart")
     clock.forward(2 * 3600)
     assert heading(client.get("/s/short")) == CONSENT
     sent_on(agree(client))
@@ -183,12 +183,12 @@ def test_after_too_long_a_study_may_begin_anew_with_the_same_participant(
 
 def test_after_too_long_a_study_may_let_nobody_in_again(
     client: Api,
-    studio: Studio,
+    app: AppContext,
     study_shelf: StudyShelf,
     clock: Clock,
     request: Request,
 ) -> None:
-    left_behind(client, study_shelf, studio, "block")
+    left_behind(client, study_shelf, app, "block")
     clock.forward(2 * 3600)
     for _ in range(2):
         page = client.get("/s/short")
@@ -203,7 +203,7 @@ def test_after_too_long_a_study_may_let_nobody_in_again(
 )
 def test_a_platforms_id_is_treated_as_the_browser_is(
     client: Api,
-    studio: Studio,
+    app: AppContext,
     study_shelf: StudyShelf,
     clock: Clock,
     request: Request,
@@ -213,7 +213,7 @@ def test_a_platforms_id_is_treated_as_the_browser_is(
 ) -> None:
     rule = f"\nresume: {{policy: {policy}, max_age_hours: 2}}\n"
     rule += "recruitment: {platform: prolific, codes: {completed: C1}}\n"
-    study_shelf.put_into(studio, SHORT_PLAN + rule)
+    study_shelf.put_into(app, SHORT_PLAN + rule)
     came = {"external_ids": {"PROLIFIC_PID": "abc"}}
     client.start(external_ids={"PROLIFIC_PID": "abc"}).to_first_query()
     clock.forward(2 * 3600)

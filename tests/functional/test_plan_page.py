@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from app.services import revision, studies
-from app.services.accounts import Role
-from app.services.studio import Studio
+from app.services.accounts.accounts import Role
+from app.services.context import AppContext
+from app.services.studies import repository, revision
 from app.study.plan_source import read_plan
-from app.study.plan_words import in_words
+from app.study.plan_summary import in_words
 from tests.conftest import SHORT_PLAN
 
 from .client import Api
@@ -20,8 +20,10 @@ from .own_study import write_own_study
 
 
 @pytest.fixture
-def kettles(studio: Studio, tmp_path: Path) -> studies.StudyInfo:
-    return studies.create(studio, studies.load_folder(str(write_own_study(tmp_path / "kettles"))))
+def kettles(app: AppContext, tmp_path: Path) -> repository.StudyInfo:
+    return repository.create(
+        app, repository.load_folder(str(write_own_study(tmp_path / "kettles")))
+    )
 
 
 def test_a_plan_is_told_in_sentences() -> None:
@@ -46,9 +48,9 @@ def test_a_plan_is_told_in_sentences() -> None:
 
 @pytest.mark.parametrize("role", [Role.ADMIN, Role.REVIEWER])
 def test_whoever_may_see_the_design_reads_the_plan_and_takes_it_away(
-    client: Api, studio: Studio, kettles: studies.StudyInfo, role: Role
+    client: Api, app: AppContext, kettles: repository.StudyInfo, role: Role
 ) -> None:
-    desk = Desk(client, studio, "rev@lab.example", role)
+    desk = Desk(client, app, "rev@lab.example", role)
     page = desk.get("/studies/kettles/plan").text
     assert "2 trials: each of 2 conditions once" in page
     assert "You choose between videos" in page
@@ -60,33 +62,33 @@ def test_whoever_may_see_the_design_reads_the_plan_and_takes_it_away(
 
 
 def test_every_version_is_shown_with_its_hash(
-    client: Api, studio: Studio, kettles: studies.StudyInfo
+    client: Api, app: AppContext, kettles: repository.StudyInfo
 ) -> None:
     texts = {language: dict(named) for language, named in kettles.texts.items()}
     texts["en"]["debrief"] = "Thank you all.\n"
-    after = revision.revise_texts(studio, "kettles", texts, "ada@lab.example")
-    page = Desk(client, studio, "ada@lab.example", Role.ADMIN).get("/studies/kettles/plan").text
+    after = revision.revise_texts(app, "kettles", texts, "ada@lab.example")
+    page = Desk(client, app, "ada@lab.example", Role.ADMIN).get("/studies/kettles/plan").text
     assert page.index(after.plan_hash) < page.index(kettles.plan_hash)
     assert "Thank you all." in page
 
 
 def test_the_plan_is_nothing_for_other_experimenters(
-    client: Api, studio: Studio, kettles: studies.StudyInfo
+    client: Api, app: AppContext, kettles: repository.StudyInfo
 ) -> None:
-    other = Desk(client, studio, "zoe@lab.example", Role.EXPERIMENTER)
+    other = Desk(client, app, "zoe@lab.example", Role.EXPERIMENTER)
     assert other.get("/studies/kettles/plan").status_code == 404
     assert other.get("/studies/kettles/plan/study.yaml").status_code == 404
 
 
 def test_a_reviewer_reads_the_plan_without_the_codes_of_payment(
-    client: Api, recruit: Recruit, studio: Studio
+    client: Api, recruit: Recruit, app: AppContext
 ) -> None:
     recruit("recruitment: {platform: prolific, codes: {completed: PAIDFOR1}}\n")
     path = "/studies/short/plan/study.yaml"
-    reviewer = Desk(client, studio, "eve@lab.example", Role.REVIEWER)
+    reviewer = Desk(client, app, "eve@lab.example", Role.REVIEWER)
     seen = reviewer.get(path).text
     assert "platform: prolific" in seen
     assert "PAIDFOR1" not in seen
     assert "# Without completion codes" in seen
     assert "PAIDFOR1" not in reviewer.get("/studies/short/plan").text
-    assert "PAIDFOR1" in Desk(client, studio, "ann@lab.example", Role.ADMIN).get(path).text
+    assert "PAIDFOR1" in Desk(client, app, "ann@lab.example", Role.ADMIN).get(path).text

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from app.services import studies
-from app.services.replay import replay
-from app.services.studies import StudyInfo
-from app.services.studio import Studio
+from app.services.context import AppContext
+from app.services.sessions.replay import replay
+from app.services.studies import repository
+from app.services.studies.repository import StudyInfo
 from tests.conftest import SHORT_PLAN, Clock, StudyShelf
 
 from .client import Api, by_turns
@@ -16,9 +16,9 @@ PRACTISING_PLAN = SHORT_PLAN + "\npractice: {queries: 3}\n"
 
 
 @pytest.fixture
-def practising_study(studio: Studio, study_shelf: StudyShelf) -> StudyInfo:
-    study_shelf.put_into(studio, PRACTISING_PLAN)
-    return studies.find(studio, "short")
+def practising_study(app: AppContext, study_shelf: StudyShelf) -> StudyInfo:
+    study_shelf.put_into(app, PRACTISING_PLAN)
+    return repository.find(app, "short")
 
 
 def test_practice_is_asked_first_and_looks_like_any_query(
@@ -45,7 +45,7 @@ def test_practice_is_asked_first_and_looks_like_any_query(
 
 
 def test_practice_is_exported_apart_and_teaches_nothing(
-    client: Api, studio: Studio, practising_study: StudyInfo, clock: Clock, api_token: str
+    client: Api, app: AppContext, practising_study: StudyInfo, clock: Clock, api_token: str
 ) -> None:
     session = client.start()
     session.to_the_end(by_turns("left", "skip", "right"), clock.forward)
@@ -58,7 +58,7 @@ def test_practice_is_exported_apart_and_teaches_nothing(
     assert (client.table("preferences", api_token)["trial_index"] >= 0).all()
     assert (client.table("acquired", api_token)["trial_index"] >= 0).all()
     assert client.table("sessions", api_token)["trials_finished"].to_list() == [3]
-    replayed = list(replay(studio, "short"))
+    replayed = list(replay(app, "short"))
     assert [trial.trial_index for trial in replayed] == [0, 1, 2]
     assert all(not trial.differences for trial in replayed)
 

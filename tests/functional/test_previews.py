@@ -5,10 +5,10 @@ from __future__ import annotations
 import httpx
 import pytest
 
-from app.services import accounts
-from app.services.accounts import Role
-from app.services.studies import StudyInfo
-from app.services.studio import Studio
+from app.services.accounts import accounts
+from app.services.accounts.accounts import Role
+from app.services.context import AppContext
+from app.services.studies.repository import StudyInfo
 from tests.conftest import Clock
 
 from .client import Api, Session
@@ -30,8 +30,8 @@ recruitment:
 
 
 @pytest.fixture
-def desk(client: Api, studio: Studio, short_study: StudyInfo) -> Desk:
-    return Desk(client, studio, EMAIL, Role.ADMIN)
+def desk(client: Api, app: AppContext, short_study: StudyInfo) -> Desk:
+    return Desk(client, app, EMAIL, Role.ADMIN)
 
 
 def agree_in_preview(client: Api) -> httpx.Response:
@@ -101,7 +101,7 @@ def test_a_preview_ends_with_the_sign_out(desk: Desk) -> None:
 
 @pytest.mark.parametrize("signs_out", [True, False])
 def test_a_participants_link_after_a_preview_begins_a_live_session(
-    desk: Desk, studio: Studio, signs_out: bool
+    desk: Desk, app: AppContext, signs_out: bool
 ) -> None:
     client = desk.client
     agree_in_preview(client)
@@ -111,7 +111,7 @@ def test_a_participants_link_after_a_preview_begins_a_live_session(
     agree(client)
     told = client.get("/api/v1/session", headers={"PBPO-Study": "short"})
     assert told.json()["stage"] == "instructions"
-    api_token = accounts.create_api_token(studio, desk.account, "tests")
+    api_token = accounts.create_api_token(app, desk.account, "tests")
     assert modes(client, api_token) == ["live", "preview"]
 
 
@@ -123,10 +123,10 @@ def test_a_cookie_of_a_live_session_is_not_taken_for_a_preview(desk: Desk) -> No
 
 @pytest.mark.parametrize("end", ["completed", "withdrawn", "declined"])
 def test_no_preview_is_given_a_code(
-    client: Api, recruit: Recruit, studio: Studio, clock: Clock, end: str
+    client: Api, recruit: Recruit, app: AppContext, clock: Clock, end: str
 ) -> None:
     recruit(CODES)
-    desk = Desk(client, studio, EMAIL, Role.ADMIN)
+    desk = Desk(client, app, EMAIL, Role.ADMIN)
     session = client.start(mode="preview").to_stage(end, clock.forward)
     client.cookies.set("pbpo_preview_session_short", session.token)
     page = client.get(HERE)
@@ -138,21 +138,21 @@ def test_no_preview_is_given_a_code(
 
 
 def test_a_preview_begins_again_in_another_language(
-    client: Api, studio: Studio, short_study: StudyInfo
+    client: Api, app: AppContext, short_study: StudyInfo
 ) -> None:
-    desk = Desk(client, studio, EMAIL, Role.ADMIN)
+    desk = Desk(client, app, EMAIL, Role.ADMIN)
     begun = desk.post("/studies/short/preview", language="en")
     assert begun.headers["location"] == f"{HERE}?lang=en"
     assert desk.post("/studies/short/preview", language="xx").headers["location"] == HERE
 
 
 def test_previews_are_bounded_also_in_a_study_of_single_use_links(
-    client: Api, recruit: Recruit, studio: Studio
+    client: Api, recruit: Recruit, app: AppContext
 ) -> None:
     recruit("recruitment: {links: single-use}\n")
-    token = token_for(studio)
-    few = studio.settings.model_copy(update={"begun_per_hour": 3})
-    object.__setattr__(studio, "settings", few)
+    token = token_for(app)
+    few = app.settings.model_copy(update={"begun_per_hour": 3})
+    object.__setattr__(app, "settings", few)
     for _ in range(3):
         client.start(mode="preview", by=token)
     headers = {"Authorization": f"Bearer {token}"}
@@ -160,11 +160,11 @@ def test_previews_are_bounded_also_in_a_study_of_single_use_links(
 
 
 def test_previews_take_no_room_from_those_who_take_part(
-    client: Api, short_study: StudyInfo, studio: Studio
+    client: Api, short_study: StudyInfo, app: AppContext
 ) -> None:
-    token = token_for(studio)
-    few = studio.settings.model_copy(update={"begun_per_hour": 3})
-    object.__setattr__(studio, "settings", few)
+    token = token_for(app)
+    few = app.settings.model_copy(update={"begun_per_hour": 3})
+    object.__setattr__(app, "settings", few)
     for _ in range(3):
         client.start(mode="preview", by=token)
     assert isinstance(client.start(), Session)

@@ -10,12 +10,12 @@ import pytest
 from fastapi import FastAPI
 
 import app as program
-from app.services.accounts import Role
-from app.services.ethics import fields
-from app.services.ethics.inventory import BROWSER, EVALUATORS, OTHERS, Topic, topics
-from app.services.studio import Studio
-from app.storage.tables import Base
-from app.web.privacy_sentences import SENTENCES
+from app.services.accounts.accounts import Role
+from app.services.context import AppContext
+from app.services.ethics import data_inventory
+from app.services.ethics.personal_data import BROWSER, EVALUATORS, OTHERS, Topic, topics
+from app.storage.models.studies import Base
+from app.web.evaluator.privacy_sentences import SENTENCES
 
 from .client import Api
 from .conftest import Recruit
@@ -39,7 +39,7 @@ def spoken(topic: Topic) -> str:
 
 
 def test_every_table_and_every_column_has_a_topic_with_a_sentence() -> None:
-    assert fields  # all modules of tables are there
+    assert data_inventory  # all modules of tables are there
     tables = Base.metadata.tables
     assert EVALUATORS.keys() | OTHERS == set(tables)
     assert EVALUATORS.keys() & OTHERS == set()
@@ -102,10 +102,10 @@ def test_a_study_of_personal_links_says_so(client: Api, recruit: Recruit) -> Non
 
 
 def test_the_ethics_page_says_the_same_to_the_board(
-    client: Api, studio: Studio, recruit: Recruit
+    client: Api, app: AppContext, recruit: Recruit
 ) -> None:
     recruit("")
-    reviewer = Desk(client, studio, "rev@lab.example", Role.REVIEWER)
+    reviewer = Desk(client, app, "rev@lab.example", Role.REVIEWER)
     said = html.unescape(reviewer.get("/studies/short/ethics").text)
     for topic in (Topic.OTHER_SITES, Topic.BROWSER, Topic.BACKUPS, Topic.LOGS):
         assert SENTENCES[topic] in said
@@ -117,12 +117,12 @@ def test_other_sites_are_named_where_videos_come_from_one(
     client: Api,
     application: FastAPI,
     recruit: Recruit,
-    studio: Studio,
+    app: AppContext,
     monkeypatch: pytest.MonkeyPatch,
     elsewhere: str | None,
 ) -> None:
     recruit("")
-    monkeypatch.setattr(type(studio.recordings), "origin", elsewhere)
+    monkeypatch.setattr(type(app.recordings), "origin", elsewhere)
     said = page(client)
     assert ("videos.example:9000, which learns your IP address" in said) == (elsewhere is not None)
     assert (SENTENCES[Topic.OTHER_SITES] in said) == (elsewhere is None)

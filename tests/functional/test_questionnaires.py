@@ -7,10 +7,10 @@ import re
 
 import pytest
 
-from app.services import studies
-from app.services.studies import StudyInfo
-from app.services.studio import Studio
-from app.web import words
+from app.services.context import AppContext
+from app.services.studies import repository
+from app.services.studies.repository import StudyInfo
+from app.web.http import translations
 from tests.conftest import SHORT_PLAN, Clock, StudyShelf
 
 from .client import Api, Session
@@ -29,9 +29,9 @@ questionnaires:
 
 
 @pytest.fixture
-def asking_study(studio: Studio, study_shelf: StudyShelf) -> StudyInfo:
-    study_shelf.put_into(studio, ASKING_PLAN)
-    return studies.find(studio, "short")
+def asking_study(app: AppContext, study_shelf: StudyShelf) -> StudyInfo:
+    study_shelf.put_into(app, ASKING_PLAN)
+    return repository.find(app, "short")
 
 
 def to_the_questions(client: Api) -> Session:
@@ -133,9 +133,9 @@ questionnaires:
 
 
 @pytest.fixture
-def numbers_page(studio: Studio, study_shelf: StudyShelf, client: Api) -> Session:
+def numbers_page(app: AppContext, study_shelf: StudyShelf, client: Api) -> Session:
     """A session at the questions, in the browser."""
-    study_shelf.put_into(studio, NUMBER_PLAN)
+    study_shelf.put_into(app, NUMBER_PLAN)
     session = to_the_questions(client)
     client.cookies.set("pbpo_session_short", session.token)
     return session
@@ -206,6 +206,6 @@ def test_japanese_readers_are_asked_in_japanese() -> None:
         "This can be read in more than one way, or has marks between its digits."
         " Which number do you mean?"
     )
-    assert "どの数" in words.translations("ja").gettext(asked)
-    assert words.exact_number("50000", "ja") == "50000"
-    assert words.exact_number("1.25", "ja") == "1.25"
+    assert "どの数" in translations.translations("ja").gettext(asked)
+    assert translations.exact_number("50000", "ja") == "50000"
+    assert translations.exact_number("1.25", "ja") == "1.25"

@@ -8,13 +8,13 @@ from pathlib import Path
 import httpx
 import pytest
 
-from app.services import lifecycle, studies
-from app.services.errors import NotFoundError, StoreAwayError
-from app.services.recordings import FILE, FoundSource
-from app.services.stores import s3_bucket
-from app.services.stores.s3 import LINK_S
-from app.services.studies import StudyInfo
-from app.services.studio import Studio
+from app.services.context import AppContext
+from app.services.recordings.recordings import FILE, FoundSource
+from app.services.recordings.stores import s3_client
+from app.services.recordings.stores.s3 import LINK_S
+from app.services.runtime.errors import NotFoundError, StoreAwayError
+from app.services.studies import lifecycle, repository
+from app.services.studies.repository import StudyInfo
 from tests.conftest import Clock
 from tests.s3_server import BUCKET, SECRET, S3Server
 
@@ -38,13 +38,13 @@ def link_of(client: Api, url: str, method: str = "GET") -> str:
 
 
 def test_a_study_is_kept_in_the_store_and_walks_to_its_end(
-    client: Api, own_study: StudyInfo, studio: Studio, folder: Path, store: S3Server, clock: Clock
+    client: Api, own_study: StudyInfo, app: AppContext, folder: Path, store: S3Server, clock: Clock
 ) -> None:
     own = sorted(frames(video) for video in (folder / "videos").iterdir())
     videos = {store.read(key) for key in store.names()}
     assert sorted(map(frames, videos)) == own
     assert all(re.fullmatch(r"lab/one/uploads/[0-9a-f]{64}\.mp4", key) for key in store.names())
-    assert not studio.settings.uploads_dir.exists()
+    assert not app.settings.uploads_dir.exists()
 
     session = client.start("kettles")
     shown: set[str] = set()
@@ -96,12 +96,12 @@ def test_a_link_is_for_one_video_and_names_nobody(client: Api, url: str, store: 
 
 
 def test_a_video_is_looked_up_once_however_often_it_is_asked_for(
-    client: Api, url: str, studio: Studio, store: S3Server
+    client: Api, url: str, app: AppContext, store: S3Server
 ) -> None:
     store.asked.clear()
     link_of(client, url)
     assert store.asked == []  # this very process has put it there
-    begin_anew(studio)
+    begin_anew(app)
     (link,) = {link_of(client, url) for _ in range(3)}
     assert store.asked == [f"HEAD {httpx.URL(link).path}"]
 
@@ -118,25 +118,25 @@ def test_pages_may_load_videos_from_the_store_and_nothing_else(
 
 
 def test_a_video_that_has_gone_from_the_store_is_not_found(
-    client: Api, own_study: StudyInfo, studio: Studio, store: S3Server
+    client: Api, own_study: StudyInfo, app: AppContext, store: S3Server
 ) -> None:
     gone = FoundSource(FILE, f"{'0' * 64}.mp4")
-    assert studio.recordings.can_be_had(gone)
+    assert app.recordings.is_available(gone)
     with pytest.raises(NotFoundError, match="missing"):
-        studio.recordings.ensure(gone)
-    assert not studio.recordings.can_be_had(gone)
+        app.recordings.ensure(gone)
+    assert not app.recordings.is_available(gone)
 
 
 def test_while_the_store_is_away_everybody_is_told_and_nothing_is_lost(
     client: Api,
     own_study: StudyInfo,
-    studio: Studio,
+    app: AppContext,
     store: S3Server,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     # It is asked again at once, not only after some seconds.
-    monkeypatch.setattr(s3_bucket, "AWAY_S", 0)
-    begin_anew(studio)
+    monkeypatch.setattr(s3_client, "AWAY_S", 0)
+    begin_anew(app)
     session = client.start("kettles").to_first_query()
     url = session.state["query"]["left"]["url"]
     store.stop()
@@ -148,9 +148,9 @@ def test_while_the_store_is_away_everybody_is_told_and_nothing_is_lost(
         assert client.get("/readyz").json()["faults"] == [
             "The store of recordings cannot be reached."
         ]
-        studies.close_study(studio, "kettles")
+        repository.close_study(app, "kettles")
         with pytest.raises(StoreAwayError):
-            lifecycle.delete(studio, "kettles", typed="kettles")
+            lifecycle.delete(app, "kettles", typed="kettles")
         assert session.respond("left").status_code == 200
     finally:
         store.start()

@@ -6,10 +6,10 @@ import re
 
 import pytest
 
-from app.services import studies
-from app.services.accounts import Role
-from app.services.audit import trail
-from app.services.studio import Studio
+from app.services.accounts.accounts import Role
+from app.services.accounts.audit_log import trail
+from app.services.context import AppContext
+from app.services.studies import repository
 from tests.conftest import Clock
 
 from .client import Api
@@ -23,10 +23,10 @@ SINGLE_USE = "recruitment: {links: single-use}\n"
 
 
 @pytest.fixture
-def desk(recruit: Recruit, client: Api, studio: Studio, request: pytest.FixtureRequest) -> Desk:
+def desk(recruit: Recruit, client: Api, app: AppContext, request: pytest.FixtureRequest) -> Desk:
     """An admin at an open study whose plan has these further lines."""
     recruit(getattr(request, "param", ""))
-    return Desk(client, studio, "ada@lab.example", Role.ADMIN)
+    return Desk(client, app, "ada@lab.example", Role.ADMIN)
 
 
 def test_without_a_platform_there_is_a_link_for_each(desk: Desk) -> None:
@@ -62,7 +62,7 @@ def test_a_platforms_study_shows_its_link_codes_and_places(
 
 @pytest.mark.parametrize("desk", [SINGLE_USE], indirect=True)
 def test_links_for_one_person_each_are_made_and_shown_once(
-    desk: Desk, client: Api, studio: Studio
+    desk: Desk, client: Api, app: AppContext
 ) -> None:
     made = desk.post("/studies/short/links", count="3", label="first round")
     links = re.findall(r"http://testserver(/s/short\?entry=[\w-]+)", made.text)
@@ -72,7 +72,7 @@ def test_links_for_one_person_each_are_made_and_shown_once(
     assert "0 of 3 have been used" in page
     client.cookies.clear()
     assert client.get(links[0]).status_code == 200
-    entry = trail(studio, "short")[0]
+    entry = trail(app, "short")[0]
     assert (entry.action, entry.details) == ("links made", {"count": 3, "label": "first round"})
     assert desk.post("/studies/short/links", count="0").status_code == 422
     assert desk.post("/studies/short/links", count="100000").status_code == 422
@@ -85,11 +85,11 @@ def test_a_study_of_one_link_makes_no_others(desk: Desk) -> None:
 
 
 def test_conditions_are_switched_and_counted(
-    desk: Desk, client: Api, studio: Studio, clock: Clock
+    desk: Desk, client: Api, app: AppContext, clock: Clock
 ) -> None:
     answer = desk.post("/studies/short/conditions", on=["pbpo", "no-skip"])
     assert answer.status_code == 303
-    assert studies.find(studio, "short").conditions_off == ("no-synthesis",)
+    assert repository.find(app, "short").conditions_off == ("no-synthesis",)
     client.cookies.clear()
     client.start().to_stage("completed", clock.forward)
     client.start().to_first_query()
@@ -102,12 +102,12 @@ def test_conditions_are_switched_and_counted(
     refused = desk.post("/studies/short/conditions")
     assert refused.status_code == 409
     assert "at least one condition" in refused.text
-    assert trail(studio, "short")[0].details == {"off": ["no-synthesis"]}
+    assert trail(app, "short")[0].details == {"off": ["no-synthesis"]}
 
 
-def test_nobody_else_recruits_for_a_study(desk: Desk, client: Api, studio: Studio) -> None:
+def test_nobody_else_recruits_for_a_study(desk: Desk, client: Api, app: AppContext) -> None:
     for role, status in ((Role.EXPERIMENTER, 404), (Role.REVIEWER, 403)):
-        other = Desk(client, studio, f"{role}@lab.example", role)
+        other = Desk(client, app, f"{role}@lab.example", role)
         assert other.get("/studies/short/recruit").status_code == status
         assert other.post("/studies/short/links", count="1").status_code == status
         assert other.post("/studies/short/conditions", on=["pbpo"]).status_code == status

@@ -10,9 +10,9 @@ import pytest
 from sqlalchemy import text
 from sqlalchemy.exc import OperationalError
 
-from app.services import participation, recruitment
-from app.services.studies import StudyInfo
-from app.services.studio import Studio
+from app.services.context import AppContext
+from app.services.sessions import completion, stages
+from app.services.studies.repository import StudyInfo
 from app.study.protocol import FINAL_STAGES
 from tests.conftest import Clock
 
@@ -64,10 +64,10 @@ def to_the_end_in_browser(client: Api, link: str, clock: Clock) -> str:
 
 
 def test_only_the_platforms_own_parameters_are_kept(
-    client: Api, recruit: Recruit, studio: Studio
+    client: Api, recruit: Recruit, app: AppContext
 ) -> None:
     recruit(PROLIFIC)
-    api_token = token_for(studio)
+    api_token = token_for(app)
     agree(client, LINK)
     assert identities(client, api_token) == {
         "PROLIFIC_PID": "5f0c",
@@ -78,10 +78,10 @@ def test_only_the_platforms_own_parameters_are_kept(
 
 
 def test_a_program_too_may_leave_only_the_platforms_ids(
-    client: Api, recruit: Recruit, studio: Studio
+    client: Api, recruit: Recruit, app: AppContext
 ) -> None:
     recruit(PROLIFIC)
-    api_token = token_for(studio)
+    api_token = token_for(app)
     refused = client.post(
         "/api/v1/studies/short/sessions",
         json={"external_ids": {"PROLIFIC_PID": "5f0c", "email": "me@example.org"}},
@@ -89,16 +89,16 @@ def test_a_program_too_may_leave_only_the_platforms_ids(
     assert refused.status_code == 422
     assert refused.json()["type"].endswith(":undeclared-identifier")
     assert "'email'" in refused.json()["detail"]
-    assert rows_of_people(studio) == {}
+    assert rows_of_people(app) == {}
     client.start(external_ids={"PROLIFIC_PID": "5f0c"})
     assert identities(client, api_token) == {"PROLIFIC_PID": "5f0c"}
 
 
 @pytest.mark.parametrize("key", ["email", "PROLIFIC_PID", "workerId", "survey_code"])
 def test_without_a_platform_no_identifier_is_kept_whatever_comes(
-    client: Api, short_study: StudyInfo, studio: Studio, key: str
+    client: Api, short_study: StudyInfo, app: AppContext, key: str
 ) -> None:
-    api_token = token_for(studio)
+    api_token = token_for(app)
     assert agree(client, f"?{key}=5f0c").status_code == 303
     for headers in ({}, {"Authorization": f"Bearer {api_token}"}):
         refused = client.post(
@@ -198,7 +198,7 @@ def test_sona_credits_the_code_of_the_link(client: Api, recruit: Recruit, clock:
 
 
 def test_a_preview_on_mturk_can_be_read_and_not_begun(
-    client: Api, studio: Studio, recruit: Recruit
+    client: Api, app: AppContext, recruit: Recruit
 ) -> None:
     recruit(MTURK)
     page = client.get(f"/s/short?assignmentId=ASSIGNMENT_ID_NOT_AVAILABLE&{TURK}")
@@ -274,7 +274,7 @@ def test_a_failure_of_ours_never_withholds_the_way_back(
 ) -> None:
     recruit(PROLIFIC)
     in_browser(client, stage, clock)
-    monkeypatch.setattr(participation, "go_on", full_disk)
+    monkeypatch.setattr(stages, "go_on", full_disk)
     page = client.post("/s/short/continue")
     assert (page.status_code, heading(page)) == (500, "Something of ours has failed")
     assert return_link(page.text) == f"{BACK_TO_PROLIFIC}{code}"
@@ -282,11 +282,11 @@ def test_a_failure_of_ours_never_withholds_the_way_back(
 
 
 def test_the_way_back_is_known_even_without_the_database(
-    client: Api, recruit: Recruit, studio: Studio, monkeypatch: pytest.MonkeyPatch
+    client: Api, recruit: Recruit, app: AppContext, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     recruit(PROLIFIC)
     client.get(f"/s/short{LINK}")
-    monkeypatch.setattr(studio.database, "read", full_disk)
+    monkeypatch.setattr(app.database, "read", full_disk)
     page = client.get(f"/s/short{LINK}")
     assert page.status_code == 500
     assert return_link(page.text) == f"{BACK_TO_PROLIFIC}OURFAULT4"
@@ -294,14 +294,14 @@ def test_the_way_back_is_known_even_without_the_database(
     assert client.get("/s/short").status_code == 500
 
 
-def test_an_error_of_the_database_does_not_say_what_it_was_about(studio: Studio) -> None:
+def test_an_error_of_the_database_does_not_say_what_it_was_about(app: AppContext) -> None:
     with (
         pytest.raises(Exception, match=r"no such table|does not exist") as caught,
-        studio.database.write() as session,
+        app.database.write() as db,
     ):
-        session.execute(text("INSERT INTO nowhere VALUES (:pid)"), {"pid": "5f0c-secret"})
+        db.execute(text("INSERT INTO nowhere VALUES (:pid)"), {"pid": "5f0c-secret"})
     assert "5f0c-secret" not in str(caught.value)
 
 
 def test_every_ending_has_an_outcome() -> None:
-    assert recruitment.OUTCOMES.keys() == FINAL_STAGES
+    assert completion.OUTCOMES.keys() == FINAL_STAGES

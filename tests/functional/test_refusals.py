@@ -9,9 +9,9 @@ import pytest
 from fastapi import FastAPI
 from sqlalchemy import event
 
-from app.services import studies
-from app.services.studies import StudyInfo
-from app.services.studio import Studio
+from app.services.context import AppContext
+from app.services.studies import repository
+from app.services.studies.repository import StudyInfo
 from tests.conftest import Clock
 
 from .client import Api
@@ -228,10 +228,10 @@ def test_only_an_experimenter_starts_a_simulated_session(
 
 
 def test_a_study_that_is_not_open_takes_nobody_but_its_experimenter(
-    client: Api, studio: Studio, short_study: StudyInfo, api_token: str
+    client: Api, app: AppContext, short_study: StudyInfo, api_token: str
 ) -> None:
     path = "/api/v1/studies/short/sessions"
-    studies.close_study(studio, "short")
+    repository.close_study(app, "short")
     assert "closed" in problem(client.post(path, json={}), 409, "study-not-open")["detail"]
     preview = {"mode": "preview"}
     problem(client.post(path, json=preview), 403, "forbidden")
@@ -241,10 +241,10 @@ def test_a_study_that_is_not_open_takes_nobody_but_its_experimenter(
 
 
 def test_a_session_under_way_may_finish_after_its_study_was_closed(
-    client: Api, studio: Studio, short_study: StudyInfo, clock: Clock
+    client: Api, app: AppContext, short_study: StudyInfo, clock: Clock
 ) -> None:
     session = client.start().to_first_query()
-    studies.close_study(studio, "short")
+    repository.close_study(app, "short")
     session.to_the_end(lambda _: "left", clock.forward)
     assert session.state["stage"] == "completed"
 
@@ -381,7 +381,7 @@ def test_programs_are_turned_away_at_the_door_as_from_within(client: Api) -> Non
 
 @pytest.mark.sqlite
 def test_where_the_disk_is_full_nothing_is_stored_and_the_answer_says_to_try_again(
-    client: Api, studio: Studio, short_study: StudyInfo
+    client: Api, app: AppContext, short_study: StudyInfo
 ) -> None:
     session = client.start().to_first_query()
     answer = {"query_id": session.state["query"]["id"], "response": "left"}
@@ -389,8 +389,8 @@ def test_where_the_disk_is_full_nothing_is_stored_and_the_answer_says_to_try_aga
     def fill(connection: Any, _record: Any) -> None:
         connection.execute("PRAGMA max_page_count = 1")
 
-    event.listen(studio.database.engine, "connect", fill)
-    studio.database.engine.dispose()
+    event.listen(app.database.engine, "connect", fill)
+    app.database.engine.dispose()
     # More than fits into the room that is left in pages that are there.
     seen = {"event": "play", "side": "left", "value": "x" * 200}
     watched = [{**seen, "time_ms": ms} for ms in range(60)]
@@ -398,7 +398,7 @@ def test_where_the_disk_is_full_nothing_is_stored_and_the_answer_says_to_try_aga
     assert refused.status_code == 503, refused.text
     assert refused.json()["type"].endswith(":unavailable")
 
-    event.remove(studio.database.engine, "connect", fill)
-    studio.database.engine.dispose()
+    event.remove(app.database.engine, "connect", fill)
+    app.database.engine.dispose()
     assert session.call("responses", answer).status_code == 200
     assert session.state["progress"]["query"] == 2

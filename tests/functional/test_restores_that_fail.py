@@ -12,13 +12,15 @@ from pathlib import Path
 
 import pytest
 
-from app.services import backups, withdrawal
-from app.services.errors import ConflictError, StoreAwayError
-from app.services.studio import Studio, open_studio
+from app.services.bootstrap import open_app
+from app.services.context import AppContext
+from app.services.maintenance import backups
+from app.services.runtime.errors import ConflictError, StoreAwayError
+from app.services.sessions import withdrawal
 from tests.conftest import STARTED
 from tests.forked import CONTEXT
 
-from .backed_up import Elsewhere, elsewhere, ledger_of, people, rows_of
+from .backed_up import FitProcess, elsewhere, ledger_of, people, rows_of
 from .client import Session
 from .killed_restore import restore_and_be_killed
 
@@ -37,10 +39,10 @@ def rewritten(source: Path, change: Callable[[str, bytes], bytes | None]) -> Pat
 
 
 def test_a_backup_that_is_not_whole_is_refused_and_leaves_nothing(
-    people: list[Session], studio: Studio, elsewhere: Elsewhere, tmp_path: Path
+    people: list[Session], app: AppContext, elsewhere: FitProcess, tmp_path: Path
 ) -> None:
     target, new = tmp_path / "backup.zip", elsewhere("new")
-    backups.backup(studio.settings, target, STARTED)
+    backups.backup(app.settings, target, STARTED)
 
     def damaged(damage: str) -> Path:
         def change(name: str, data: bytes) -> bytes | None:
@@ -81,11 +83,11 @@ def test_a_backup_that_is_not_whole_is_refused_and_leaves_nothing(
 
 @pytest.mark.parametrize("wrong", ["folder of videos", "a video", "ledger", "written ledger"])
 def test_a_restore_that_fails_late_leaves_nothing_and_can_be_done_again(
-    people: list[Session], studio: Studio, elsewhere: Elsewhere, tmp_path: Path, wrong: str
+    people: list[Session], app: AppContext, elsewhere: FitProcess, tmp_path: Path, wrong: str
 ) -> None:
     target, good = tmp_path / "backup.zip", elsewhere("new")
-    backups.backup(studio.settings, target, STARTED)
-    withdrawal.withdraw_and_delete(studio, people[0].token)
+    backups.backup(app.settings, target, STARTED)
+    withdrawal.withdraw_and_delete(app, people[0].token)
     in_the_way, diary = tmp_path / "in-the-way", tmp_path / "diary"
     diary.write_text("Dear diary\n")
     bad: dict[str, Path] = {"own_videos_dir": in_the_way}
@@ -93,7 +95,7 @@ def test_a_restore_that_fails_late_leaves_nothing_and_can_be_done_again(
         in_the_way.touch()
     elif wrong == "a video":
         # Found out after everything else was done.
-        name = next(studio.settings.uploads_dir.glob("*.mp4")).name
+        name = next(app.settings.uploads_dir.glob("*.mp4")).name
         (in_the_way / name / "something").mkdir(parents=True)
     elif wrong == "ledger":
         bad = {"deletions_file": diary}
@@ -101,24 +103,24 @@ def test_a_restore_that_fails_late_leaves_nothing_and_can_be_done_again(
         in_the_way.mkdir()
         bad = {"deletions_file": in_the_way}
     with pytest.raises((ConflictError, StoreAwayError)):
-        backups.restore(target, good.model_copy(update=bad), ledger_of(studio), STARTED)
+        backups.restore(target, good.model_copy(update=bad), ledger_of(app), STARTED)
     assert list(good.data_dir.iterdir()) == []
     assert rows_of(good.url) == {}
-    assert backups.restore(target, good, ledger_of(studio), STARTED).deleted_again == 1
+    assert backups.restore(target, good, ledger_of(app), STARTED).deleted_again == 1
 
 
 def test_nobody_is_served_what_a_killed_restore_has_left(
-    people: list[Session], studio: Studio, elsewhere: Elsewhere, tmp_path: Path
+    people: list[Session], app: AppContext, elsewhere: FitProcess, tmp_path: Path
 ) -> None:
     target, new = tmp_path / "backup.zip", elsewhere("new")
-    backups.backup(studio.settings, target, STARTED)
+    backups.backup(app.settings, target, STARTED)
     restore = CONTEXT.Process(target=restore_and_be_killed, args=(target, new, os.environ["PATH"]))
     restore.start()
     restore.join(60)
     assert restore.exitcode == -signal.SIGKILL
     assert len(rows_of(new.url)["sessions"]) == 3
     with pytest.raises(ConflictError, match="did not finish"):
-        open_studio(new)
+        open_app(new)
     with pytest.raises(ConflictError, match="did not finish"):
         backups.backup(new, tmp_path / "of-it.zip", STARTED)
     shutil.rmtree(new.data_dir)
@@ -130,11 +132,11 @@ def test_nobody_is_served_what_a_killed_restore_has_left(
 
 @pytest.mark.sqlite
 def test_a_database_that_is_somebody_elses_is_left_alone(
-    people: list[Session], studio: Studio, elsewhere: Elsewhere, tmp_path: Path
+    people: list[Session], app: AppContext, elsewhere: FitProcess, tmp_path: Path
 ) -> None:
     """PBPO_DATABASE_URL may name a file outside the folder that has to be empty."""
     target = tmp_path / "backup.zip"
-    backups.backup(studio.settings, target, STARTED)
+    backups.backup(app.settings, target, STARTED)
     theirs = tmp_path / "theirs.sqlite3"
     theirs.write_bytes(b"theirs")
     new = elsewhere("new").model_copy(update={"database_url": f"sqlite:///{theirs}"})
@@ -145,17 +147,17 @@ def test_a_database_that_is_somebody_elses_is_left_alone(
 
 @pytest.mark.postgresql
 def test_a_backup_of_postgresql_goes_into_an_empty_database_of_its_kind(
-    studio: Studio, elsewhere: Elsewhere, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    app: AppContext, elsewhere: FitProcess, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     target, new = tmp_path / "backup.zip", elsewhere("new")
-    backups.backup(studio.settings, target, STARTED)
-    full = new.model_copy(update={"database_url": studio.settings.url})
+    backups.backup(app.settings, target, STARTED)
+    full = new.model_copy(update={"database_url": app.settings.url})
     with pytest.raises(ConflictError, match="expected an empty database"):
         backups.restore(target, full, [], STARTED)
-    assert "studies" in rows_of(studio.settings.url)
+    assert "studies" in rows_of(app.settings.url)
     in_sqlite = new.model_copy(update={"database_url": ""})
     with pytest.raises(ConflictError, match="a backup of a sqlite database"):
         backups.restore(target, in_sqlite, [], STARTED)
     monkeypatch.setenv("PATH", str(tmp_path))
     with pytest.raises(ConflictError, match="expected pg_dump on this machine"):
-        backups.backup(studio.settings, tmp_path / "another.zip", STARTED)
+        backups.backup(app.settings, tmp_path / "another.zip", STARTED)

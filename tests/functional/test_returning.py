@@ -7,9 +7,10 @@ import re
 import httpx
 import pytest
 
-from app.services import admission, studies
-from app.services.studio import Studio
-from app.services.tokens import receipt_code
+from app.services.arrival import admission
+from app.services.context import AppContext
+from app.services.runtime.ids import receipt_code
+from app.services.studies import repository
 from app.study.recruitment import Recruitment
 from tests.conftest import Clock
 
@@ -45,13 +46,13 @@ def in_another_browser(client: Api) -> None:
 def session_of(client: Api, clock: Clock, stage: str) -> Session:
     """The browser's own session, brought to a stage."""
     token = client.cookies[COOKIE]
-    session = Session(client, token, {})
-    session.look()
-    return session.to_stage(stage, clock.forward)
+    db = Session(client, token, {})
+    db.look()
+    return db.to_stage(stage, clock.forward)
 
 
-def sessions_and_people(studio: Studio) -> tuple[int, int]:
-    rows = rows_of_people(studio)
+def sessions_and_people(app: AppContext) -> tuple[int, int]:
+    rows = rows_of_people(app)
     return rows.get("sessions", 0), rows.get("participants", 0)
 
 
@@ -60,7 +61,7 @@ def test_taking_people_back_is_what_happens_unless_the_study_says_otherwise() ->
 
 
 def test_whoever_comes_back_in_another_browser_goes_on_where_they_were_by_a_press(
-    client: Api, recruit: Recruit, studio: Studio, clock: Clock
+    client: Api, recruit: Recruit, app: AppContext, clock: Clock
 ) -> None:
     recruit(recruitment("resume"))
     agree(client, LINK)
@@ -75,40 +76,40 @@ def test_whoever_comes_back_in_another_browser_goes_on_where_they_were_by_a_pres
     assert heading(client.get("/s/short")) == HEADINGS["query"]
     after = client.get("/api/v1/session", headers={"PBPO-Study": "short"}).json()
     assert after["query"]["id"] == before["query"]["id"]
-    assert sessions_and_people(studio) == (1, 1)
+    assert sessions_and_people(app) == (1, 1)
 
 
 @pytest.mark.parametrize("stage", ["query", "completed"])
 @pytest.mark.parametrize("link", [ALONE, AGAIN, f"{ALONE}&SESSION_ID={{{{%SESSION_ID%}}}}"])
 def test_a_platforms_id_alone_leads_nobody_into_a_session(
-    client: Api, recruit: Recruit, studio: Studio, clock: Clock, link: str, stage: str
+    client: Api, recruit: Recruit, app: AppContext, clock: Clock, link: str, stage: str
 ) -> None:
     recruit(recruitment("resume"))
     agree(client, LINK)
     session_of(client, clock, stage)
     in_another_browser(client)
-    kept = rows_of_people(studio)
+    kept = rows_of_people(app)
     page = client.get(f"/s/short{link}")
     assert (page.status_code, heading(page)) == (409, KNOWN)
     assert "the receipt code that you were given" in page.text
     assert 'data-testid="return-to-session"' not in page.text
-    version = admission.entrance(studio, "short").consent["version"]
+    version = admission.entrance(app, "short").consent["version"]
     for press in ("return", "claim"):
         client.post(f"/s/short/{press}{link}")
     agreed = client.post(f"/s/short/consent{link}", data={"version": version})
     assert (agreed.status_code, heading(agreed)) == (409, KNOWN)
     assert COOKIE not in client.cookies
-    assert rows_of_people(studio) == kept
-    assert identities(client, token_for(studio)) == {"PROLIFIC_PID": "5f0c", "SESSION_ID": "first"}
+    assert rows_of_people(app) == kept
+    assert identities(client, token_for(app)) == {"PROLIFIC_PID": "5f0c", "SESSION_ID": "first"}
 
 
-def test_a_survey_code_of_sona_is_no_proof(client: Api, recruit: Recruit, studio: Studio) -> None:
+def test_a_survey_code_of_sona_is_no_proof(client: Api, recruit: Recruit, app: AppContext) -> None:
     recruit(SONA)
     agree(client, "?id=4711")
     in_another_browser(client)
     assert heading(client.get("/s/short?id=4711")) == KNOWN
     assert heading(come_back(client, "?id=4711")) == KNOWN
-    assert sessions_and_people(studio) == (1, 1)
+    assert sessions_and_people(app) == (1, 1)
 
 
 @pytest.mark.parametrize(
@@ -119,7 +120,7 @@ def test_a_survey_code_of_sona_is_no_proof(client: Api, recruit: Recruit, studio
     ],
 )
 def test_every_platform_with_an_id_of_the_submission_leads_back_by_it(
-    client: Api, recruit: Recruit, studio: Studio, plan: str, own: str, other: str
+    client: Api, recruit: Recruit, app: AppContext, plan: str, own: str, other: str
 ) -> None:
     recruit(plan)
     agree(client, f"?{own}")
@@ -127,11 +128,11 @@ def test_every_platform_with_an_id_of_the_submission_leads_back_by_it(
     assert come_back(client, f"?{other}").status_code == 409
     sent_on(come_back(client, f"?{own}"))
     assert heading(client.get("/s/short")) == "What you will do"
-    assert sessions_and_people(studio) == (1, 1)
+    assert sessions_and_people(app) == (1, 1)
 
 
 def test_looking_at_a_link_writes_nothing_and_each_return_replaces_the_one_before(
-    client: Api, recruit: Recruit, studio: Studio
+    client: Api, recruit: Recruit, app: AppContext
 ) -> None:
     recruit(recruitment("resume"))
     agree(client, LINK)
@@ -140,10 +141,10 @@ def test_looking_at_a_link_writes_nothing_and_each_return_replaces_the_one_befor
         in_another_browser(client)
         for _ in range(3):
             client.get(f"/s/short{LINK}", headers={"Sec-Purpose": "prefetch"})
-        assert rows_of_people(studio).get("reentries", 0) == min(len(tokens), 1)
+        assert rows_of_people(app).get("reentries", 0) == min(len(tokens), 1)
         sent_on(come_back(client, LINK))
         tokens.append(client.cookies[COOKIE])
-    assert rows_of_people(studio)["reentries"] == 1
+    assert rows_of_people(app)["reentries"] == 1
     statuses = [
         client.get("/api/v1/session", headers={"Authorization": f"Bearer {token}"}).status_code
         for token in tokens
@@ -152,7 +153,7 @@ def test_looking_at_a_link_writes_nothing_and_each_return_replaces_the_one_befor
 
 
 def test_a_browser_that_came_back_by_ids_sees_no_receipt_and_deletes_nothing(
-    client: Api, recruit: Recruit, studio: Studio, clock: Clock
+    client: Api, recruit: Recruit, app: AppContext, clock: Clock
 ) -> None:
     recruit(recruitment("resume"))
     agree(client, LINK)
@@ -173,11 +174,11 @@ def test_a_browser_that_came_back_by_ids_sees_no_receipt_and_deletes_nothing(
 
     gone = client.post("/api/v1/studies/short/deletions", json={"receipt": first_receipt})
     assert gone.status_code == 204
-    assert rows_of_people(studio) == {"tombstones": 1}
+    assert rows_of_people(app) == {"tombstones": 1}
 
 
 def test_the_receipt_code_leads_back_and_lets_one_do_everything(
-    client: Api, recruit: Recruit, studio: Studio
+    client: Api, recruit: Recruit, app: AppContext
 ) -> None:
     recruit(recruitment("resume"))
     agree(client, LINK)
@@ -190,7 +191,7 @@ def test_the_receipt_code_leads_back_and_lets_one_do_everything(
     assert heading(client.get("/s/short")) == "What you will do"
     assert shown_receipt(client) not in (None, receipt)
     client.post("/s/short/withdraw", data={"delete": "yes"})
-    assert rows_of_people(studio) == {"tombstones": 1}
+    assert rows_of_people(app) == {"tombstones": 1}
 
 
 @pytest.mark.parametrize("days", [0, 3])
@@ -207,19 +208,19 @@ def test_whoever_has_completed_finds_the_code_again(
 
 
 def test_taken_back_even_into_a_study_that_is_closed_by_now(
-    client: Api, recruit: Recruit, studio: Studio, clock: Clock
+    client: Api, recruit: Recruit, app: AppContext, clock: Clock
 ) -> None:
     recruit(recruitment("resume"))
     agree(client, LINK)
     session_of(client, clock, "query")
-    studies.close_study(studio, "short")
+    repository.close_study(app, "short")
     in_another_browser(client)
     sent_on(come_back(client, LINK))
     assert heading(client.get("/s/short")) == HEADINGS["query"]
 
 
 def test_a_session_that_was_left_for_too_long_is_begun_again(
-    client: Api, recruit: Recruit, studio: Studio, clock: Clock
+    client: Api, recruit: Recruit, app: AppContext, clock: Clock
 ) -> None:
     recruit(recruitment("resume"))
     agree(client, LINK)
@@ -227,13 +228,13 @@ def test_a_session_that_was_left_for_too_long_is_begun_again(
     in_another_browser(client)
     assert heading(client.get(f"/s/short{AGAIN}")) == HEADINGS["consent"]
     sent_on(agree(client, AGAIN))
-    assert sessions_and_people(studio) == (2, 2)
+    assert sessions_and_people(app) == (2, 2)
 
 
 @pytest.mark.parametrize("stage", ["query", "completed"])
 @pytest.mark.parametrize("link", [LINK, ALONE, AGAIN])
 def test_a_study_that_takes_each_person_once_says_so_on_a_page_of_its_own(
-    client: Api, recruit: Recruit, studio: Studio, clock: Clock, stage: str, link: str
+    client: Api, recruit: Recruit, app: AppContext, clock: Clock, stage: str, link: str
 ) -> None:
     recruit(recruitment("block"))
     agree(client, LINK)
@@ -245,11 +246,11 @@ def test_a_study_that_takes_each_person_once_says_so_on_a_page_of_its_own(
     # Whoever comes back for the code alone still gets it; who knows their id alone does not.
     code = return_link(page.text)
     assert (code is not None) == (stage == "completed" and link == LINK)
-    assert sessions_and_people(studio) == (1, 1)
+    assert sessions_and_people(app) == (1, 1)
 
 
 def test_a_second_window_that_agrees_later_is_stopped_as_well(
-    client: Api, recruit: Recruit, studio: Studio
+    client: Api, recruit: Recruit, app: AppContext
 ) -> None:
     recruit(recruitment("block"))
     page = client.get(f"/s/short{LINK}")
@@ -259,38 +260,38 @@ def test_a_second_window_that_agrees_later_is_stopped_as_well(
     in_another_browser(client)
     late = client.post(f"/s/short/consent{LINK}", data={"version": found[1]})
     assert (late.status_code, heading(late)) == (409, "You have taken part already")
-    assert sessions_and_people(studio) == (1, 1)
+    assert sessions_and_people(app) == (1, 1)
 
 
 def test_a_study_may_take_a_person_as_often_as_they_come_and_joins_nobody_by_an_id(
-    client: Api, recruit: Recruit, studio: Studio, clock: Clock
+    client: Api, recruit: Recruit, app: AppContext, clock: Clock
 ) -> None:
     recruit(recruitment("again"))
     for link in (LINK, AGAIN):
         sent_on(agree(client, link))
         session = session_of(client, clock, "completed")
         in_another_browser(client)
-    assert sessions_and_people(studio) == (2, 2)
-    table = client.table("identities", token_for(studio))
+    assert sessions_and_people(app) == (2, 2)
+    table = client.table("identities", token_for(app))
     assert sorted(table["value"]) == ["5f0c", "5f0c", "first", "second"]
     # Whoever begins under somebody's id can delete what they gave themselves, and no more.
     session.call("withdraw", {"delete": True})
-    assert sessions_and_people(studio) == (1, 1)
+    assert sessions_and_people(app) == (1, 1)
 
 
 def test_in_the_same_browser_a_further_submission_begins_a_further_session(
-    client: Api, recruit: Recruit, studio: Studio, clock: Clock
+    client: Api, recruit: Recruit, app: AppContext, clock: Clock
 ) -> None:
     recruit(recruitment("again"))
     agree(client, LINK)
     session_of(client, clock, "completed")
     assert heading(client.get(f"/s/short{LINK}")) == HEADINGS["completed"]
     sent_on(agree(client, AGAIN))
-    assert sessions_and_people(studio) == (2, 2)
+    assert sessions_and_people(app) == (2, 2)
 
 
 def test_whoever_had_everything_deleted_or_declined_is_a_newcomer_again(
-    client: Api, recruit: Recruit, studio: Studio
+    client: Api, recruit: Recruit, app: AppContext
 ) -> None:
     recruit(recruitment("block"))
     ids = {"PROLIFIC_PID": "5f0c"}
@@ -300,7 +301,7 @@ def test_whoever_had_everything_deleted_or_declined_is_a_newcomer_again(
 
 
 def test_on_a_shared_computer_the_next_person_does_not_find_the_last_ones_session(
-    client: Api, recruit: Recruit, studio: Studio, clock: Clock
+    client: Api, recruit: Recruit, app: AppContext, clock: Clock
 ) -> None:
     recruit(recruitment("resume"))
     agree(client, LINK)
@@ -308,7 +309,7 @@ def test_on_a_shared_computer_the_next_person_does_not_find_the_last_ones_sessio
     other = "?PROLIFIC_PID=somebody-else"
     assert heading(client.get(f"/s/short{other}")) == HEADINGS["consent"]
     sent_on(agree(client, other))
-    assert sessions_and_people(studio) == (2, 2)
+    assert sessions_and_people(app) == (2, 2)
     assert heading(client.get(f"/s/short{other}")) == "What you will do"
     assert heading(client.get("/s/short")) == "What you will do"
 
@@ -321,7 +322,7 @@ def begin(client: Api, **body: object) -> httpx.Response:
 
 
 def test_by_the_api_strangers_are_not_taken_back_and_experimenters_programs_are(
-    client: Api, recruit: Recruit, studio: Studio
+    client: Api, recruit: Recruit, app: AppContext
 ) -> None:
     ids = {"PROLIFIC_PID": "5f0c", "SESSION_ID": "first"}
     recruit(recruitment("resume"))
@@ -332,12 +333,12 @@ def test_by_the_api_strangers_are_not_taken_back_and_experimenters_programs_are(
         refused = begin(client, external_ids=known)
         assert refused.status_code == 409
         assert refused.json()["type"] == "urn:pbpo-studio:problem:known-person"
-    headers = {"Authorization": f"Bearer {token_for(studio)}"}
+    headers = {"Authorization": f"Bearer {token_for(app)}"}
     path = "/api/v1/studies/short/sessions"
     back = client.post(path, json={"external_ids": ids}, headers=headers).json()
     assert back["session"]["stage"] == "query"
     assert back["token"] != first.token
-    assert sessions_and_people(studio) == (1, 1)
+    assert sessions_and_people(app) == (1, 1)
 
 
 def test_the_api_refuses_with_a_type_of_its_own(client: Api, recruit: Recruit) -> None:
@@ -350,10 +351,10 @@ def test_the_api_refuses_with_a_type_of_its_own(client: Api, recruit: Recruit) -
     assert begin(client).status_code == 201
 
 
-def test_a_preview_is_nobodys_first_time(client: Api, recruit: Recruit, studio: Studio) -> None:
+def test_a_preview_is_nobodys_first_time(client: Api, recruit: Recruit, app: AppContext) -> None:
     recruit(recruitment("block"))
     ids = {"PROLIFIC_PID": "5f0c"}
-    client.start(mode="preview", by=token_for(studio), external_ids=ids)
+    client.start(mode="preview", by=token_for(app), external_ids=ids)
     assert begin(client, external_ids=ids).status_code == 201
 
 

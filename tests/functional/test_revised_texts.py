@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from app.services import revision, studies
-from app.services.errors import ConflictError
-from app.services.studies import StudyInfo
-from app.services.studio import Studio
+from app.services.context import AppContext
+from app.services.runtime.errors import ConflictError
+from app.services.studies import repository, revision
+from app.services.studies.repository import StudyInfo
 from tests.conftest import SHORT_PLAN, Clock, write_study
 
 from .client import Api, Session
@@ -20,7 +20,7 @@ NEW = "You choose between videos. Your answers are kept for ten years.\n"
 
 
 def revise(
-    studio: Studio,
+    app: AppContext,
     folder: Path,
     *,
     consent: str = NEW,
@@ -32,13 +32,13 @@ def revise(
     (folder / "texts" / "en" / "consent.md").write_text(consent)
     if debrief is not None:
         (folder / "texts" / "en" / "debrief.md").write_text(debrief)
-    return revision.revise(studio, studies.load_folder(str(folder)))
+    return revision.revise(app, repository.load_folder(str(folder)))
 
 
 @pytest.mark.parametrize("stage", ["instructions", "familiarisation", "query", "break", "debrief"])
 def test_a_changed_consent_is_asked_for_again_and_the_session_keeps_its_place(
     client: Api,
-    studio: Studio,
+    app: AppContext,
     short_study: StudyInfo,
     clock: Clock,
     tmp_path: Path,
@@ -48,7 +48,7 @@ def test_a_changed_consent_is_asked_for_again_and_the_session_keeps_its_place(
     session = client.start().to_stage(stage, clock.forward)
     before = session.look()
     old = client.table("sessions", api_token)["consent_version"].item()
-    assert revise(studio, tmp_path / "new").plan_version == 2
+    assert revise(app, tmp_path / "new").plan_version == 2
 
     asked = session.look()
     assert asked["stage"] == "consent"
@@ -68,10 +68,10 @@ def test_a_changed_consent_is_asked_for_again_and_the_session_keeps_its_place(
 
 
 def test_an_answer_given_before_the_text_changed_is_kept_and_the_consent_comes_next(
-    client: Api, studio: Studio, short_study: StudyInfo, tmp_path: Path, api_token: str
+    client: Api, app: AppContext, short_study: StudyInfo, tmp_path: Path, api_token: str
 ) -> None:
     session = client.start().to_first_query()
-    revise(studio, tmp_path / "new")
+    revise(app, tmp_path / "new")
     assert session.respond("left").json()["stage"] == "consent"
     session.consent()
     assert (session.state["stage"], session.state["progress"]["query"]) == ("query", 2)
@@ -81,11 +81,11 @@ def test_an_answer_given_before_the_text_changed_is_kept_and_the_consent_comes_n
 
 
 def test_who_does_not_agree_again_stops_and_what_they_gave_is_kept(
-    client: Api, studio: Studio, short_study: StudyInfo, tmp_path: Path, api_token: str
+    client: Api, app: AppContext, short_study: StudyInfo, tmp_path: Path, api_token: str
 ) -> None:
     session = client.start().to_first_query()
     session.respond("left")
-    revise(studio, tmp_path / "new")
+    revise(app, tmp_path / "new")
     client.cookies.set(COOKIE, session.token)
     page = client.get("/s/short")
     assert heading(page) == "Before you take part"
@@ -96,10 +96,10 @@ def test_who_does_not_agree_again_stops_and_what_they_gave_is_kept(
 
 
 def test_agreeing_again_on_the_page_leads_back_to_where_one_was(
-    client: Api, studio: Studio, short_study: StudyInfo, tmp_path: Path
+    client: Api, app: AppContext, short_study: StudyInfo, tmp_path: Path
 ) -> None:
     session = client.start().to_first_query()
-    revise(studio, tmp_path / "new")
+    revise(app, tmp_path / "new")
     client.cookies.set(COOKIE, session.token)
     page = client.get("/s/short")
     sent_on(client.post("/s/short/consent", data={"version": version(page)}))
@@ -107,53 +107,53 @@ def test_agreeing_again_on_the_page_leads_back_to_where_one_was(
 
 
 def test_another_text_than_the_consent_asks_nobody_again(
-    client: Api, studio: Studio, short_study: StudyInfo, tmp_path: Path
+    client: Api, app: AppContext, short_study: StudyInfo, tmp_path: Path
 ) -> None:
     session = client.start().to_first_query()
     old = short_study.texts["en"]["consent"]
-    assert revise(studio, tmp_path / "new", consent=old, debrief="New.\n").plan_version == 2
+    assert revise(app, tmp_path / "new", consent=old, debrief="New.\n").plan_version == 2
     assert session.look()["stage"] == "query"
 
 
 def test_whoever_has_not_agreed_yet_is_asked_for_the_newest_text(
-    client: Api, studio: Studio, short_study: StudyInfo, tmp_path: Path
+    client: Api, app: AppContext, short_study: StudyInfo, tmp_path: Path
 ) -> None:
     session = client.start()
-    revise(studio, tmp_path / "new")
+    revise(app, tmp_path / "new")
     assert "ten years" in session.look()["consent"]["html"]
     assert "again" not in session.state["consent"]
     assert session.consent().json()["stage"] == "instructions"
 
 
 def test_a_session_that_has_ended_is_left_alone(
-    client: Api, studio: Studio, short_study: StudyInfo, clock: Clock, tmp_path: Path
+    client: Api, app: AppContext, short_study: StudyInfo, clock: Clock, tmp_path: Path
 ) -> None:
-    session: Session = client.start().to_stage("completed", clock.forward)
-    revise(studio, tmp_path / "new")
-    assert session.look()["stage"] == "completed"
+    db: Session = client.start().to_stage("completed", clock.forward)
+    revise(app, tmp_path / "new")
+    assert db.look()["stage"] == "completed"
 
 
 def test_the_same_texts_again_make_no_version(
-    studio: Studio, short_study: StudyInfo, tmp_path: Path
+    app: AppContext, short_study: StudyInfo, tmp_path: Path
 ) -> None:
-    first = revise(studio, tmp_path / "one")
-    assert revise(studio, tmp_path / "two") == first
+    first = revise(app, tmp_path / "one")
+    assert revise(app, tmp_path / "two") == first
 
 
 def test_what_is_compared_cannot_be_revised(
-    studio: Studio, short_study: StudyInfo, tmp_path: Path
+    app: AppContext, short_study: StudyInfo, tmp_path: Path
 ) -> None:
     other = SHORT_PLAN.replace("queries_per_trial: 4", "queries_per_trial: 5")
     with pytest.raises(ConflictError, match="expected the plan that 'short' has"):
-        revise(studio, tmp_path / "new", plan=other)
+        revise(app, tmp_path / "new", plan=other)
 
 
-def test_recordings_cannot_be_revised(studio: Studio, tmp_path: Path) -> None:
+def test_recordings_cannot_be_revised(app: AppContext, tmp_path: Path) -> None:
     folder = write_own_study(tmp_path / "own")
-    studies.create(studio, studies.load_folder(str(folder)))
+    repository.create(app, repository.load_folder(str(folder)))
     (folder / "texts" / "en" / "consent.md").write_text(NEW)
-    assert revision.revise(studio, studies.load_folder(str(folder))).plan_version == 2
+    assert revision.revise(app, repository.load_folder(str(folder))).plan_version == 2
     table = folder / "recordings.csv"
     table.write_text("".join(table.read_text().splitlines(keepends=True)[:-1]))
     with pytest.raises(ConflictError, match="expected the recordings that 'kettles' has"):
-        revision.revise(studio, studies.load_folder(str(folder)))
+        revision.revise(app, repository.load_folder(str(folder)))

@@ -8,8 +8,8 @@ import httpx
 import pytest
 from fastapi import FastAPI
 
-from app.services.settings import Settings
-from app.web.security import SIGN_IN_COOKIE
+from app.services.runtime.settings import Settings
+from app.web.http.security import SIGN_IN_COOKIE
 
 from .client import Api
 from .house import House, routes

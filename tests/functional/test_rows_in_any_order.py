@@ -7,8 +7,9 @@ from typing import Any
 
 from sqlalchemy import event
 
-from app.services import accounts, export
-from app.services.studio import Studio
+from app.services import export
+from app.services.accounts import accounts
+from app.services.context import AppContext
 from tests.conftest import Clock, StudyShelf
 from tests.databases import Databases
 
@@ -34,11 +35,11 @@ OTHERWISE = {
 
 
 def test_pages_and_files_are_the_same_whichever_rows_come_first(
-    studio: Studio, client: Api, databases: Databases, study_shelf: StudyShelf, clock: Clock
+    app: AppContext, client: Api, databases: Databases, study_shelf: StudyShelf, clock: Clock
 ) -> None:
     people = TwoPeople()
-    people.put_into(studio, client, databases, study_shelf, clock)
-    desk = Desk(client, studio, "admin@lab.example", accounts.Role.ADMIN)
+    people.put_into(app, client, databases, study_shelf, clock)
+    desk = Desk(client, app, "admin@lab.example", accounts.Role.ADMIN)
     headers = {"Authorization": f"Bearer {people.api_token}"}
 
     def everything() -> dict[str, bytes]:
@@ -53,10 +54,10 @@ def test_pages_and_files_are_the_same_whichever_rows_come_first(
         return {where: answer.content for where, answer in found.items()}
 
     def go_otherwise(connection: Any, *_: Any) -> None:
-        connection.execute(OTHERWISE[studio.database.engine.name]).close()
+        connection.execute(OTHERWISE[app.database.engine.name]).close()
         connection.commit()
 
     before = everything()
-    event.listen(studio.database.engine, "checkout", go_otherwise)
+    event.listen(app.database.engine, "checkout", go_otherwise)
     after = everything()
     assert [where for where in before if before[where] != after[where]] == []

@@ -10,11 +10,13 @@ from concurrent.futures import ThreadPoolExecutor, wait
 import pytest
 from sqlalchemy.exc import IntegrityError
 
-from app.services import accounts, audit, invitations, participation, revision, sharing, studies
-from app.services.accounts import Role
-from app.services.studies import StudyInfo
-from app.services.studio import Studio
-from app.storage.accounts import Account
+from app.services.accounts import accounts, audit_log, invitations
+from app.services.accounts.accounts import Role
+from app.services.context import AppContext
+from app.services.sessions import stages
+from app.services.studies import repository, revision, sharing
+from app.services.studies.repository import StudyInfo
+from app.storage.models.accounts import Account
 from tests.conftest import Clock
 
 from .client import Api
@@ -23,11 +25,11 @@ from .test_accounts import BOB, choose
 from .test_participant_pages import heading, in_browser
 
 
-def held_together(studio: Studio, *both: Callable[[], object]) -> None:
+def held_together(app: AppContext, *both: Callable[[], object]) -> None:
     """Do both while somebody else holds the study: neither goes on before it is let go."""
     with ThreadPoolExecutor(len(both)) as threads:
-        with studio.database.write() as session:
-            studies.to_change(session, "short")
+        with app.database.write() as db:
+            repository.to_change(db, "short")
             begun = [threads.submit(one) for one in both]
             wait(begun, timeout=0.3)
         for one in begun:
@@ -35,33 +37,33 @@ def held_together(studio: Studio, *both: Callable[[], object]) -> None:
 
 
 def test_texts_revised_twice_at_once_are_two_versions(
-    studio: Studio, short_study: StudyInfo
+    app: AppContext, short_study: StudyInfo
 ) -> None:
     def revised(debrief: str) -> Callable[[], object]:
         texts = {"en": {**short_study.texts["en"], "debrief": debrief}}
-        return lambda: revision.revise_texts(studio, "short", texts, EMAIL)
+        return lambda: revision.revise_texts(app, "short", texts, EMAIL)
 
-    held_together(studio, revised("One thank you.\n"), revised("Another thank you.\n"))
-    assert [one.version for one in revision.versions(studio, short_study)] == [3, 2, 1]
+    held_together(app, revised("One thank you.\n"), revised("Another thank you.\n"))
+    assert [one.version for one in revision.versions(app, short_study)] == [3, 2, 1]
 
 
-def test_a_study_shared_twice_at_once_is_shared(studio: Studio, short_study: StudyInfo) -> None:
-    accounts.create(studio, EMAIL, PASSWORD)
-    accounts.create(studio, BOB, PASSWORD)
-    held_together(studio, *[lambda: sharing.share(studio, "short", BOB, EMAIL)] * 2)
-    assert [tie.email for tie in sharing.ties(studio, "short")] == [BOB]
-    done = [line.action for line in audit.trail(studio)]
+def test_a_study_shared_twice_at_once_is_shared(app: AppContext, short_study: StudyInfo) -> None:
+    accounts.create(app, EMAIL, PASSWORD)
+    accounts.create(app, BOB, PASSWORD)
+    held_together(app, *[lambda: sharing.share(app, "short", BOB, EMAIL)] * 2)
+    assert [tie.email for tie in sharing.ties(app, "short")] == [BOB]
+    done = [line.action for line in audit_log.trail(app)]
     assert done.count("study shared") == 1
 
 
 def test_who_comes_second_is_told_so_and_the_log_names_nobody(
     client: Api,
-    studio: Studio,
+    app: AppContext,
     monkeypatch: pytest.MonkeyPatch,
     caplog: pytest.LogCaptureFixture,
 ) -> None:
-    link = invitations.invite(studio, BOB, Role.EXPERIMENTER, EMAIL)
-    accounts.create(studio, BOB, PASSWORD)
+    link = invitations.invite(app, BOB, Role.EXPERIMENTER, EMAIL)
+    accounts.create(app, BOB, PASSWORD)
     # As it is for whoever looked before the account was there.
     monkeypatch.setattr(accounts, "by_address", lambda *_: None)
     with caplog.at_level(logging.WARNING):
@@ -75,7 +77,7 @@ def test_who_comes_second_is_told_so_and_the_log_names_nobody(
 
 def test_a_page_of_the_study_that_comes_second_leads_back_in(
     client: Api,
-    studio: Studio,
+    app: AppContext,
     short_study: StudyInfo,
     clock: Clock,
     monkeypatch: pytest.MonkeyPatch,
@@ -83,10 +85,10 @@ def test_a_page_of_the_study_that_comes_second_leads_back_in(
     in_browser(client, "instructions", clock)
 
     def second(*_: object, **__: object) -> None:
-        accounts.create(studio, EMAIL, PASSWORD)
-        write_account(studio, "admin")
+        accounts.create(app, EMAIL, PASSWORD)
+        write_account(app, "admin")
 
-    monkeypatch.setattr(participation, "go_on", second)
+    monkeypatch.setattr(stages, "go_on", second)
     page = client.post("/s/short/continue")
     assert (page.status_code, heading(page)) == (409, "That is not possible now")
     assert "open the study&#39;s link again" in page.text
@@ -94,29 +96,29 @@ def test_a_page_of_the_study_that_comes_second_leads_back_in(
 
 def test_any_other_broken_rule_is_a_fault_of_ours(
     client: Api,
-    studio: Studio,
+    app: AppContext,
     short_study: StudyInfo,
     clock: Clock,
     monkeypatch: pytest.MonkeyPatch,
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     in_browser(client, "instructions", clock)
-    monkeypatch.setattr(participation, "go_on", lambda *_, **__: write_account(studio, "emperor"))
+    monkeypatch.setattr(stages, "go_on", lambda *_, **__: write_account(app, "emperor"))
     assert client.post("/s/short/continue").status_code == 500
     assert "IntegrityError" in caplog.text
     assert EMAIL not in caplog.text
 
 
 @pytest.mark.parametrize("role", ["admin", "emperor"])
-def test_the_database_refuses_a_row_without_repeating_it(studio: Studio, role: str) -> None:
-    accounts.create(studio, EMAIL, PASSWORD)
+def test_the_database_refuses_a_row_without_repeating_it(app: AppContext, role: str) -> None:
+    accounts.create(app, EMAIL, PASSWORD)
     with pytest.raises(IntegrityError) as caught:
-        write_account(studio, role)
+        write_account(app, role)
     told = "".join(traceback.format_exception(caught.value))
     assert "accounts" in str(caught.value.orig)
     assert EMAIL not in told
 
 
-def write_account(studio: Studio, role: str) -> None:
-    with studio.database.write() as session:
-        session.add(Account(email=EMAIL, password_hash="none", role=role, created_at=studio.now()))
+def write_account(app: AppContext, role: str) -> None:
+    with app.database.write() as db:
+        db.add(Account(email=EMAIL, password_hash="none", role=role, created_at=app.now()))

@@ -9,9 +9,9 @@ from typing import Any
 
 import pytest
 
-from app.services import studies
-from app.services.studies import StudyInfo
-from app.services.studio import Studio
+from app.services.context import AppContext
+from app.services.studies import repository
+from app.services.studies.repository import StudyInfo
 from tests.conftest import FROM_PROLIFIC, Clock, StudyShelf
 
 from .client import Api, Session, by_turns
@@ -61,22 +61,22 @@ def walk(value: Any, path: str = "") -> Iterator[tuple[str, str, Any]]:
 
 
 @pytest.fixture
-def from_prolific(studio: Studio, study_shelf: StudyShelf) -> StudyInfo:
+def from_prolific(app: AppContext, study_shelf: StudyShelf) -> StudyInfo:
     """The learning study, whose participants come with identifiers."""
-    study_shelf.put_into(studio, LEARNING_PLAN + FROM_PROLIFIC)
-    return studies.find(studio, "short")
+    study_shelf.put_into(app, LEARNING_PLAN + FROM_PROLIFIC)
+    return repository.find(app, "short")
 
 
 def states(client: Api, clock: Clock) -> Iterator[State]:
     """Every state of a whole session, as each call answers it."""
-    session: Session = client.start(external_ids={"PROLIFIC_PID": "5f0c1ada"})
-    yield session.state
+    db: Session = client.start(external_ids={"PROLIFIC_PID": "5f0c1ada"})
+    yield db.state
     choose = by_turns("left", "right", "skip")
-    while session.state["stage"] != "completed":
-        response = choose(session.state) if session.state["stage"] == "query" else ""
-        session.step(response, clock.forward)
-        yield session.state
-        yield session.look()
+    while db.state["stage"] != "completed":
+        response = choose(db.state) if db.state["stage"] == "query" else ""
+        db.step(response, clock.forward)
+        yield db.state
+        yield db.look()
 
 
 def test_no_state_holds_a_key_that_nobody_thought_about(

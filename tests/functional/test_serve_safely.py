@@ -6,11 +6,14 @@ from pathlib import Path
 
 import pytest
 
-from app.services import account_list, accounts, audit, demo, safety
-from app.services.accounts import Role
-from app.services.errors import ConflictError
-from app.services.settings import Settings
-from app.services.studio import Studio, open_studio
+from app.services.accounts import accounts, administration, audit_log
+from app.services.accounts.accounts import Role
+from app.services.bootstrap import open_app
+from app.services.context import AppContext
+from app.services.monitoring import startup_checks
+from app.services.runtime.errors import ConflictError
+from app.services.runtime.settings import Settings
+from app.services.studies import demo
 from tests.conftest import Idle
 
 from .conftest import EMAIL, PASSWORD
@@ -26,9 +29,9 @@ def test_the_demos_account_is_not_served_until_it_is_disabled(
     pbpo: Run, tmp_path: Path, media_dir: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     data_dir = tmp_path / "data"
-    studio = open_studio(Settings(data_dir=data_dir, media_dir=media_dir), background=Idle(1))
-    access = demo.prepare(studio, "http://127.0.0.1:8000")
-    studio.close()
+    app = open_app(Settings(data_dir=data_dir, media_dir=media_dir), background=Idle(1))
+    access = demo.prepare(app, "http://127.0.0.1:8000")
+    app.close()
 
     said = mistake(pbpo("serve", "--port", 0))
     assert f"{demo.EMAIL} can sign in with the password in access.json" in said
@@ -42,10 +45,10 @@ def test_the_demos_account_is_not_served_until_it_is_disabled(
         assert "access.json holds the demo's password" in server.output
 
     # The demo itself may be run over the same data again, and works.
-    studio = open_studio(Settings(data_dir=data_dir, media_dir=media_dir), background=Idle(1))
-    again = demo.prepare(studio, "http://127.0.0.1:8000")
-    assert accounts.by_sign_in(studio, accounts.sign_in(studio, again.email, again.password))
-    studio.close()
+    app = open_app(Settings(data_dir=data_dir, media_dir=media_dir), background=Idle(1))
+    again = demo.prepare(app, "http://127.0.0.1:8000")
+    assert accounts.by_sign_in(app, accounts.sign_in(app, again.email, again.password))
+    app.close()
 
 
 @pytest.mark.parametrize(
@@ -60,11 +63,11 @@ def test_the_demos_account_is_not_served_until_it_is_disabled(
     ],
 )
 def test_cookies_over_plain_http_are_said_where_others_can_listen(
-    studio: Studio, tmp_path: Path, media_dir: Path, host: str, secure: bool, expected: int
+    app: AppContext, tmp_path: Path, media_dir: Path, host: str, secure: bool, expected: int
 ) -> None:
     settings = Settings(data_dir=tmp_path / "new", media_dir=media_dir, secure_cookies=secure)
-    opened = open_studio(settings, background=Idle(1))
-    said = list(safety.unsafe_settings(opened, host))
+    opened = open_app(settings, background=Idle(1))
+    said = list(startup_checks.unsafe_settings(opened, host))
     opened.close()
     assert len(said) == expected, said
     assert all("PBPO_SECURE_COOKIES=true" in sentence for sentence in said)
@@ -129,12 +132,12 @@ def test_proxies_are_named_by_their_addresses(
     ],
 )
 def test_a_database_far_away_is_spoken_to_over_tls(
-    studio: Studio, monkeypatch: pytest.MonkeyPatch, address: str, host: str | None
+    app: AppContext, monkeypatch: pytest.MonkeyPatch, address: str, host: str | None
 ) -> None:
     monkeypatch.delenv("PGSSLMODE", raising=False)
-    studio.settings.data_dir.chmod(0o700)
+    app.settings.data_dir.chmod(0o700)
     url = f"postgresql+psycopg://{address}"
-    said = said_of(studio, Settings(data_dir=studio.settings.data_dir, database_url=url))
+    said = said_of(app, Settings(data_dir=app.settings.data_dir, database_url=url))
     expected = [] if host is None else [f"Answers would go to and from {host} in the clear"]
     assert [sentence.partition(",")[0] for sentence in said] == expected
     assert "secret" not in str(said)
@@ -145,40 +148,40 @@ def test_a_database_far_away_is_spoken_to_over_tls(
     [(0o755, 0o644, True), (0o755, 0o600, False), (0o700, 0o644, False)],
 )
 def test_a_database_outside_of_the_data_folder_is_for_its_owner_alone(
-    studio: Studio, tmp_path: Path, folder_mode: int, mode: int, is_said: bool
+    app: AppContext, tmp_path: Path, folder_mode: int, mode: int, is_said: bool
 ) -> None:
-    studio.settings.data_dir.chmod(0o700)
+    app.settings.data_dir.chmod(0o700)
     folder = tmp_path / "elsewhere"
     folder.mkdir()
     file = folder / "answers.sqlite3"
     file.touch()
     file.chmod(mode)
     folder.chmod(folder_mode)
-    settings = Settings(data_dir=studio.settings.data_dir, database_url=f"sqlite:///{file}")
-    assert [f"chmod 600 {file}*" in said for said in said_of(studio, settings)] == [True] * is_said
+    settings = Settings(data_dir=app.settings.data_dir, database_url=f"sqlite:///{file}")
+    assert [f"chmod 600 {file}*" in said for said in said_of(app, settings)] == [True] * is_said
 
 
 @pytest.mark.parametrize(("user", "is_said"), [(0, True), (10001, False)])
 def test_in_production_nothing_is_served_as_root(
-    studio: Studio, monkeypatch: pytest.MonkeyPatch, user: int, is_said: bool
+    app: AppContext, monkeypatch: pytest.MonkeyPatch, user: int, is_said: bool
 ) -> None:
-    studio.settings.data_dir.chmod(0o700)
+    app.settings.data_dir.chmod(0o700)
     monkeypatch.setattr("os.geteuid", lambda: user)
-    secure = studio.settings.model_copy(update={"secure_cookies": True})
+    secure = app.settings.model_copy(update={"secure_cookies": True})
     production = secure.model_copy(
         update={"production": True, "public_url": "https://studies.lab.example"}
     )
-    said = said_of(studio, production)
+    said = said_of(app, production)
     assert ["runs as root" in sentence for sentence in said] == [True] * is_said
-    assert said_of(studio, secure) == []
+    assert said_of(app, secure) == []
 
 
-def said_of(studio: Studio, settings: Settings) -> list[str]:
+def said_of(app: AppContext, settings: Settings) -> list[str]:
     """What is said of these settings; the studio's are others again afterwards."""
-    before = studio.settings
-    object.__setattr__(studio, "settings", settings)
-    said = list(safety.unsafe_settings(studio, HOST))
-    object.__setattr__(studio, "settings", before)
+    before = app.settings
+    object.__setattr__(app, "settings", settings)
+    said = list(startup_checks.unsafe_settings(app, HOST))
+    object.__setattr__(app, "settings", before)
     return said
 
 
@@ -188,34 +191,34 @@ def test_several_workers_are_refused_on_sqlite(pbpo: Run) -> None:
     assert "expected one worker on SQLite" in said
 
 
-def test_a_data_folder_that_others_can_read_is_said(studio: Studio) -> None:
-    folder = studio.settings.data_dir
+def test_a_data_folder_that_others_can_read_is_said(app: AppContext) -> None:
+    folder = app.settings.data_dir
     folder.chmod(0o750)
-    assert [f"chmod 700 {folder}" in said for said in safety.unsafe_settings(studio, "::1")] == [
-        True
-    ]
+    assert [
+        f"chmod 700 {folder}" in said for said in startup_checks.unsafe_settings(app, "::1")
+    ] == [True]
     folder.chmod(0o700)
-    assert list(safety.unsafe_settings(studio, "::1")) == []
+    assert list(startup_checks.unsafe_settings(app, "::1")) == []
 
 
 def test_a_variable_that_is_nearly_a_setting_is_said(
-    studio: Studio, monkeypatch: pytest.MonkeyPatch
+    app: AppContext, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    studio.settings.data_dir.chmod(0o700)
+    app.settings.data_dir.chmod(0o700)
     monkeypatch.setenv("PBPO_TEST_MEDIA_DIR", "/of/tests")
     monkeypatch.setenv("PBPO_DOMAIN", "of.the.proxy")
-    assert list(safety.unsafe_settings(studio, HOST)) == []
+    assert list(startup_checks.unsafe_settings(app, HOST)) == []
     monkeypatch.setenv("PBPO_PRODUCTOIN", "true")
-    assert list(safety.unsafe_settings(studio, HOST)) == [
+    assert list(startup_checks.unsafe_settings(app, HOST)) == [
         "PBPO_PRODUCTOIN is no setting, and has no effect: PBPO_PRODUCTION may be meant."
     ]
 
 
-def test_only_the_demos_account_is_refused(studio: Studio) -> None:
-    accounts.create(studio, EMAIL, PASSWORD)
-    safety.require_safe(studio, HOST)
-    accounts.create(studio, demo.EMAIL, PASSWORD, Role.REVIEWER)
+def test_only_the_demos_account_is_refused(app: AppContext) -> None:
+    accounts.create(app, EMAIL, PASSWORD)
+    startup_checks.require_safe(app, HOST)
+    accounts.create(app, demo.EMAIL, PASSWORD, Role.REVIEWER)
     with pytest.raises(ConflictError, match="expected no demo account"):
-        safety.require_safe(studio, HOST)
-    account_list.disable(studio, demo.EMAIL, audit.COMMAND_LINE)
-    safety.require_safe(studio, HOST)
+        startup_checks.require_safe(app, HOST)
+    administration.disable(app, demo.EMAIL, audit_log.COMMAND_LINE)
+    startup_checks.require_safe(app, HOST)

@@ -15,11 +15,12 @@ import psutil
 import pytest
 from sqlalchemy import select
 
-from app.services import accounts, studies
-from app.services.settings import Settings
-from app.services.studio import open_studio
+from app.services.accounts import accounts
+from app.services.bootstrap import open_app
+from app.services.runtime.settings import Settings
+from app.services.studies import repository
 from app.storage.database import Database
-from app.storage.tables import SessionRow
+from app.storage.models.studies import SessionRow
 from tests.conftest import Idle
 
 from .conftest import EMAIL, PASSWORD
@@ -33,12 +34,12 @@ TOKEN = "a-token-of-thirty-two-characters!"
 
 def prepare(settings: Settings, folder: Path) -> str:
     """An open study and an account; its sign-in."""
-    studio = open_studio(settings, background=Idle(1))
-    studies.create(studio, studies.load_folder(str(write_own_study(folder))))
-    studies.open_study(studio, "kettles")
-    accounts.create(studio, EMAIL, PASSWORD)
-    cookie = accounts.sign_in(studio, EMAIL, PASSWORD)
-    studio.close()
+    app = open_app(settings, background=Idle(1))
+    repository.create(app, repository.load_folder(str(write_own_study(folder))))
+    repository.open_study(app, "kettles")
+    accounts.create(app, EMAIL, PASSWORD)
+    cookie = accounts.sign_in(app, EMAIL, PASSWORD)
+    app.close()
     return cookie
 
 

@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import pytest
 
-from app.services.studies import StudyInfo
+from app.services.studies.repository import StudyInfo
 from tests.conftest import Clock
 
 from .client import Api

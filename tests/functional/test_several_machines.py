@@ -15,11 +15,12 @@ import pytest
 from sqlalchemy import func, select
 
 from app.crane import library
-from app.services import studies
-from app.services.recordings import CRANE, crane_locator
-from app.services.settings import Settings
-from app.services.studio import Studio, open_studio
-from app.storage.tables import QueryRow, Recording, Response, Trial
+from app.services.bootstrap import open_app
+from app.services.context import AppContext
+from app.services.recordings.recordings import CRANE, crane_locator
+from app.services.runtime.settings import Settings
+from app.services.studies import repository
+from app.storage.models.studies import QueryRow, Recording, Response, Trial
 from tests.conftest import Idle
 from tests.databases import Databases
 from tests.s3_server import BUCKET, KEY, SECRET, S3Server
@@ -45,14 +46,14 @@ class Machines:
 
     urls: tuple[str, str]
     folders: tuple[Path, ...]
-    studio: Studio
+    app: AppContext
     crane: str
 
     def responses(self) -> list[tuple[int, str]]:
         """Those of the newest trial, each with the place of its query."""
-        with self.studio.database.read() as session:
+        with self.app.database.read() as db:
             newest = select(func.max(Trial.id)).scalar_subquery()
-            rows = session.execute(
+            rows = db.execute(
                 select(QueryRow.query_index, Response.response)
                 .join(Response)
                 .where(QueryRow.trial_id == newest)
@@ -86,12 +87,12 @@ def machines(databases: Databases, tmp_path_factory: pytest.TempPathFactory) -> 
             ("PBPO_WORKERS_APART", "true"),
         ):
             patch.setenv(name, value)
-        studio = open_studio(settings, background=Idle(1))
-        ends.callback(studio.close)
-        studies.create(studio, studies.load_folder(str(write_own_study(folders[0] / "kettles"))))
-        studies.open_study(studio, "kettles")
-        with studio.database.write() as session:
-            crane = session.scalars(select(Recording)).first()
+        app = open_app(settings, background=Idle(1))
+        ends.callback(app.close)
+        repository.create(app, repository.load_folder(str(write_own_study(folders[0] / "kettles"))))
+        repository.open_study(app, "kettles")
+        with app.database.write() as db:
+            crane = db.scalars(select(Recording)).first()
             assert crane is not None
             crane.source, crane.locator = CRANE, crane_locator(*RENDERED)
             public_id = crane.public_id
@@ -105,7 +106,7 @@ def machines(databases: Databases, tmp_path_factory: pytest.TempPathFactory) -> 
             ends.enter_context(begun.result())
         ends.enter_context(worker.result())
         one, two = (begun.result().url for begun in servers)
-        yield Machines((one, two), folders, studio, public_id)
+        yield Machines((one, two), folders, app, public_id)
 
 
 def shown(state: State) -> State:
@@ -167,7 +168,7 @@ def test_a_video_that_was_made_for_one_server_plays_from_the_other(machines: Mac
 
 def test_what_was_deleted_at_one_server_is_gone_at_the_other(machines: Machines) -> None:
     one, two = machines.urls
-    before = rows_of_people(machines.studio)
+    before = rows_of_people(machines.app)
     person = Browser(two)
     person.to_first_query(one)
     for url in (one, two):
@@ -176,7 +177,7 @@ def test_what_was_deleted_at_one_server_is_gone_at_the_other(machines: Machines)
     # Both have looked at the open query, and so work out what may come after it.
     person.look(one)
     assert person.send(one, "withdraw", {"delete": True}) == 200
-    after = rows_of_people(machines.studio)
+    after = rows_of_people(machines.app)
     assert after == {**before, "tombstones": before.get("tombstones", 0) + 1}
 
     headers = {"Authorization": f"Bearer {person.token}"}
@@ -185,4 +186,4 @@ def test_what_was_deleted_at_one_server_is_gone_at_the_other(machines: Machines)
             httpx.get(f"{url}/api/v1/session", headers=headers, verify=CHECKED).status_code == 401
         )
         assert person.send(url, "responses", body) == 401
-    assert rows_of_people(machines.studio) == after
+    assert rows_of_people(machines.app) == after

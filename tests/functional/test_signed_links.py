@@ -12,8 +12,8 @@ import jwt
 import pytest
 from cryptography.hazmat.primitives.asymmetric import rsa
 
+from app.services.context import AppContext
 from app.services.platform_keys import PlatformKeys
-from app.services.studio import Studio
 
 from .client import Api
 from .conftest import Recruit
@@ -35,13 +35,13 @@ def key() -> rsa.RSAPrivateKey:
 
 
 @pytest.fixture
-def sign(key: rsa.RSAPrivateKey, studio: Studio, tmp_path: Path, recruit: Recruit) -> Sign:
+def sign(key: rsa.RSAPrivateKey, app: AppContext, tmp_path: Path, recruit: Recruit) -> Sign:
     """Opens a study of signed links; makes links to it, with these claims and names in place."""
     public = json.loads(jwt.algorithms.RSAAlgorithm.to_jwk(key.public_key()))
     file = tmp_path / "jwks.json"
     file.write_text(json.dumps({"keys": [{**public, "kid": "k1", "use": "sig", "alg": "RS256"}]}))
-    object.__setattr__(studio, "platform_keys", PlatformKeys(str(file)))
-    object.__setattr__(studio.settings, "public_url", OURS)
+    object.__setattr__(app, "platform_keys", PlatformKeys(str(file)))
+    object.__setattr__(app.settings, "public_url", OURS)
     recruit(SIGNED)
 
     def link(
@@ -66,14 +66,16 @@ def sign(key: rsa.RSAPrivateKey, studio: Studio, tmp_path: Path, recruit: Recrui
     return link
 
 
-def test_a_signed_link_lets_its_person_in_and_back(client: Api, studio: Studio, sign: Sign) -> None:
+def test_a_signed_link_lets_its_person_in_and_back(
+    client: Api, app: AppContext, sign: Sign
+) -> None:
     assert heading(client.get(f"/s/short{sign()}")) == HEADINGS["consent"]
     # What stands in the address besides says nothing.
     sent_on(agree(client, f"{sign()}&PROLIFIC_PID=victim"))
-    assert identities(client, token_for(studio)) == IDS
+    assert identities(client, token_for(app)) == IDS
     in_another_browser(client)
     sent_on(come_back(client, sign()))
-    assert sessions_and_people(studio) == (1, 1)
+    assert sessions_and_people(app) == (1, 1)
 
 
 @pytest.mark.parametrize(
@@ -81,7 +83,7 @@ def test_a_signed_link_lets_its_person_in_and_back(client: Api, studio: Studio, 
     ["", "?PROLIFIC_PID=5f0c&SESSION_ID=first", "?prolific_token=", "?prolific_token=a.b.c"],
 )
 def test_without_a_signature_nobody_is_let_in(
-    client: Api, studio: Studio, sign: Sign, query: str
+    client: Api, app: AppContext, sign: Sign, query: str
 ) -> None:
     for answer in (
         client.get(f"/s/short{query}"),
@@ -92,7 +94,7 @@ def test_without_a_signature_nobody_is_let_in(
         assert "Please open it again from your page at Prolific" in answer.text
     api = client.post("/api/v1/studies/short/sessions", json={"external_ids": IDS})
     assert (api.status_code, api.json()["type"]) == (403, "urn:pbpo-studio:problem:signed-link")
-    assert sessions_and_people(studio) == (0, 0)
+    assert sessions_and_people(app) == (0, 0)
 
 
 @pytest.mark.parametrize(
@@ -111,11 +113,11 @@ def test_without_a_signature_nobody_is_let_in(
     ],
 )
 def test_a_token_that_does_not_hold_is_refused(
-    client: Api, studio: Studio, sign: Sign, claims: dict[str, Any]
+    client: Api, app: AppContext, sign: Sign, claims: dict[str, Any]
 ) -> None:
     page = client.get(f"/s/short{sign(**claims)}")
     assert (page.status_code, heading(page)) == (403, REFUSED)
-    assert sessions_and_people(studio) == (0, 0)
+    assert sessions_and_people(app) == (0, 0)
 
 
 @pytest.mark.parametrize("audience", [OURS, "studies.lab.example", [f"{OURS}/s/short?x=1"]])
@@ -132,14 +134,14 @@ def test_a_host_that_the_request_makes_up_is_not_ours(client: Api, sign: Sign) -
 
 
 def test_the_consent_may_be_read_for_longer_than_the_token_lasts(
-    client: Api, studio: Studio, sign: Sign
+    client: Api, app: AppContext, sign: Sign
 ) -> None:
     client.get(f"/s/short{sign()}")
     found = client.get(f"/s/short/consent{sign()}").text
     version = found.split('name="version" value="')[1].split('"')[0]
     late = sign(exp=time.time() - 1200)
     sent_on(client.post(f"/s/short/consent{late}", data={"version": version}))
-    assert sessions_and_people(studio) == (1, 1)
+    assert sessions_and_people(app) == (1, 1)
 
 
 def test_keys_are_kept_and_an_unknown_one_does_not_have_them_fetched_at_once(

@@ -8,14 +8,15 @@ from pathlib import Path
 import pytest
 from sqlalchemy import select
 
-from app.services import audit, design, studies
-from app.services.accounts import Role
-from app.services.background import Background
-from app.services.studies import StudyInfo
-from app.services.studio import Studio
-from app.services.work import Work
+from app.services.accounts import audit_log
+from app.services.accounts.accounts import Role
+from app.services.background.interface import Background
+from app.services.background.job_function import Work
+from app.services.context import AppContext
+from app.services.studies import repository, simulation_results
+from app.services.studies.repository import StudyInfo
 from app.simulation import JOBS, completed_simulated, simulate_job
-from app.storage.tables import SessionRow
+from app.storage.models.studies import SessionRow
 
 from .client import Api
 from .desk import Desk
@@ -34,17 +35,17 @@ def works() -> Mapping[str, Work]:
 
 
 @pytest.fixture
-def desk(client: Api, studio: Studio) -> Desk:
-    return Desk(client, studio, "mo@lab.example", Role.EXPERIMENTER)
+def desk(client: Api, app: AppContext) -> Desk:
+    return Desk(client, app, "mo@lab.example", Role.EXPERIMENTER)
 
 
 @pytest.fixture
-def kettles(desk: Desk, studio: Studio, tmp_path: Path) -> StudyInfo:
+def kettles(desk: Desk, app: AppContext, tmp_path: Path) -> StudyInfo:
     folder = write_own_study(tmp_path / "kettles")
     table = RECORDINGS.replace("videos/b.mp4,", "videos/b.mp4,-4")
     (folder / "recordings.csv").write_text(table)
-    loaded = studies.load_folder(str(folder))
-    return studies.create(studio, loaded, desk.account.account_id)
+    loaded = repository.load_folder(str(folder))
+    return repository.create(app, loaded, desk.account.account_id)
 
 
 def simulate(desk: Desk, sessions: int = 3, **more: str) -> None:
@@ -53,7 +54,7 @@ def simulate(desk: Desk, sessions: int = 3, **more: str) -> None:
 
 
 def test_simulated_sessions_fill_a_drafts_tables_and_tell_of_its_design(
-    desk: Desk, studio: Studio, kettles: StudyInfo
+    desk: Desk, app: AppContext, kettles: StudyInfo
 ) -> None:
     before = desk.get("/studies/kettles/manage").text
     assert 'data-testid="simulate"' in before
@@ -63,18 +64,18 @@ def test_simulated_sessions_fill_a_drafts_tables_and_tell_of_its_design(
     assert "3 simulated sessions were completed." in page
     assert "From 3 simulated sessions" in page
     assert "last one wins less with skip" in page
-    with studio.database.read() as session:
-        rows = session.execute(select(SessionRow.mode, SessionRow.stage)).all()
+    with app.database.read() as db:
+        rows = db.execute(select(SessionRow.mode, SessionRow.stage)).all()
     assert [tuple(row) for row in rows] == [("simulated", "completed")] * 3
-    assert audit.trail(studio, "kettles")[0].action == "simulation asked for"
+    assert audit_log.trail(app, "kettles")[0].action == "simulation asked for"
 
 
 def test_the_design_is_worked_out_from_what_was_acquired(
-    desk: Desk, studio: Studio, kettles: StudyInfo
+    desk: Desk, app: AppContext, kettles: StudyInfo
 ) -> None:
-    assert design.design(studio, kettles) is None
+    assert simulation_results.design(app, kettles) is None
     simulate(desk, 4)
-    found = design.design(studio, kettles)
+    found = simulation_results.design(app, kettles)
     assert found is not None
     assert found.sessions == 4
     assert [(line.condition, line.query) for line in found.regrets] == [
@@ -92,17 +93,19 @@ def test_the_design_is_worked_out_from_what_was_acquired(
 
 
 def test_the_length_of_a_session_is_the_sum_of_its_parts(
-    studio: Studio, kettles: StudyInfo
+    app: AppContext, kettles: StudyInfo
 ) -> None:
-    found = design.duration(studio, kettles)
+    found = simulation_results.duration(app, kettles)
     assert found is not None
     assert (found.pairs, found.breaks_s) == (8, 0)
     assert found.video_s == pytest.approx(0.4)
-    assert found.total_s == pytest.approx(design.READING_S + 8 * (0.4 + design.THINKING_S))
+    assert found.total_s == pytest.approx(
+        simulation_results.READING_S + 8 * (0.4 + simulation_results.THINKING_S)
+    )
 
 
 def test_a_simulation_begun_again_makes_only_what_is_missing(
-    desk: Desk, studio: Studio, kettles: StudyInfo
+    desk: Desk, app: AppContext, kettles: StudyInfo
 ) -> None:
     simulate(desk, 2)
     request = {
@@ -112,17 +115,17 @@ def test_a_simulation_begun_again_makes_only_what_is_missing(
         "seed": 0,
         "before": 0,
     }
-    said = simulate_job(studio.settings, request, lambda *_: None)
+    said = simulate_job(app.settings, request, lambda *_: None)
     assert said.startswith("3 simulated sessions were completed.")
     assert "steepness" in said
-    assert completed_simulated(studio.settings, "kettles") == 3
+    assert completed_simulated(app.settings, "kettles") == 3
 
 
 def test_what_cannot_be_simulated_is_refused_in_a_sentence(
-    desk: Desk, studio: Studio, tmp_path: Path
+    desk: Desk, app: AppContext, tmp_path: Path
 ) -> None:
-    loaded = studies.load_folder(str(write_own_study(tmp_path / "kettles")))
-    studies.create(studio, loaded, desk.account.account_id)
+    loaded = repository.load_folder(str(write_own_study(tmp_path / "kettles")))
+    repository.create(app, loaded, desk.account.account_id)
     form = {"sessions": "3", "evaluator": "certain"}
     refused = desk.post("/studies/kettles/simulate", **form)
     assert refused.status_code == 409

@@ -8,10 +8,10 @@ import pytest
 from sqlalchemy import select
 
 from app.pbbo import PreferenceOptimizer
-from app.services import replay
-from app.services.studies import StudyInfo
-from app.services.studio import Studio
-from app.storage.tables import Acquired, Trial
+from app.services.context import AppContext
+from app.services.sessions import replay
+from app.services.studies.repository import StudyInfo
+from app.storage.models.studies import Acquired, Trial
 from tests.conftest import SHORT_PLAN, StudyShelf
 
 from .client import Api, Session
@@ -24,8 +24,8 @@ ASKING_PLAN = SHORT_PLAN.replace(
 
 
 @pytest.fixture
-def asking(studio: Studio, study_shelf: StudyShelf, client: Api) -> Session:
-    study_shelf.put_into(studio, ASKING_PLAN)
+def asking(app: AppContext, study_shelf: StudyShelf, client: Api) -> Session:
+    study_shelf.put_into(app, ASKING_PLAN)
     return client.start().to_first_query()
 
 
@@ -48,15 +48,15 @@ def test_what_a_study_does_not_ask_for_is_not_in_its_queries(
     assert query["skip"] is None or set(query["skip"]) == {"label"}
 
 
-def test_reasons_are_kept_apart_in_the_data(asking: Session, studio: Studio) -> None:
+def test_reasons_are_kept_apart_in_the_data(asking: Session, app: AppContext) -> None:
     assert asking.respond("skip", skip_reason="cannot_tell").status_code == 200
     assert asking.respond("skip", skip_reason="both_bad").status_code == 200
     assert asking.respond("skip").status_code == 200
     assert asking.respond("left").status_code == 200
     from app.services.export import TABLES, Request, csv_stream
-    from app.services.studies import find
+    from app.services.studies.repository import find
 
-    table = b"".join(csv_stream(studio, TABLES["queries"], Request(find(studio, "short"))))
+    table = b"".join(csv_stream(app, TABLES["queries"], Request(find(app, "short"))))
     lines = [line.split(",") for line in table.decode().splitlines()]
     column = lines[0].index("skip_reason")
     assert [line[column] for line in lines[1:5]] == ["cannot_tell", "both_bad", "", ""]
@@ -80,10 +80,10 @@ def test_a_reason_that_is_not_offered_is_refused(
 
 
 def test_the_model_learns_from_the_reason_of_a_skip(
-    studio: Studio, study_shelf: StudyShelf, client: Api
+    app: AppContext, study_shelf: StudyShelf, client: Api
 ) -> None:
     study_shelf.put_into(
-        studio,
+        app,
         ASKING_PLAN.replace("    method: pbpo\n", "    method: pbpo-threshold\n").replace(
             "settings: {preset: paper-env1}", "settings: {}", 1
         ),
@@ -93,7 +93,7 @@ def test_the_model_learns_from_the_reason_of_a_skip(
         more = {} if reason is None else {"skip_reason": reason}
         assert session.respond(response, **more).status_code == 200
 
-    with studio.database.read() as database:
+    with app.database.read() as database:
         trial = database.scalars(select(Trial)).one()
         told: list[Any] = []
         for query in trial.queries:
@@ -104,7 +104,7 @@ def test_the_model_learns_from_the_reason_of_a_skip(
         last = database.scalars(select(Acquired).order_by(Acquired.query_index.desc())).first()
         assert last is not None
         stored = (last.candidate, last.posterior_mean)
-        points = studio.proposer.space(trial.session.study_id, "env1").candidates
+        points = app.proposer.space(trial.session.study_id, "env1").candidates
         seed = trial.seed
     assert [len(answer) for answer in told] == [3, 4, 4]
     with_reasons = PreferenceOptimizer.replay(points, told, method="pbpo-threshold", seed=seed)
@@ -115,5 +115,5 @@ def test_the_model_learns_from_the_reason_of_a_skip(
     assert stored[0] == with_reasons.best()
     assert stored[1] == pytest.approx(mean)
     assert stored[1] != pytest.approx(float(without.posterior()[0][stored[0]]))
-    [replayed] = list(replay.replay(studio, "short"))
+    [replayed] = list(replay.replay(app, "short"))
     assert replayed.differences == ()

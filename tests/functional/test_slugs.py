@@ -7,12 +7,12 @@ from pathlib import Path
 
 import pytest
 
-from app.services import sharing, studies
-from app.services.accounts import Role
-from app.services.errors import SlugTakenError
-from app.services.slugs import Proof
-from app.services.studio import Studio
-from app.study.beginning import slug_of
+from app.services.accounts.accounts import Role
+from app.services.context import AppContext
+from app.services.runtime.errors import SlugTakenError
+from app.services.studies import repository, sharing
+from app.services.studies.slugs import Proof
+from app.study.draft_plan import slug_of
 from tests.conftest import SHORT_PLAN, write_study
 
 from .client import Api
@@ -25,8 +25,8 @@ OTHER = SHORT_PLAN.replace("queries_per_trial: 4", "queries_per_trial: 5")
 
 
 @pytest.fixture
-def desk(client: Api, studio: Studio) -> Desk:
-    return Desk(client, studio, "mo@lab.example", Role.EXPERIMENTER)
+def desk(client: Api, app: AppContext) -> Desk:
+    return Desk(client, app, "mo@lab.example", Role.EXPERIMENTER)
 
 
 def made(desk: Desk, folder: Path) -> str:
@@ -38,22 +38,22 @@ def made(desk: Desk, folder: Path) -> str:
 
 
 def test_another_folder_of_the_same_slug_replaces_nothing(
-    desk: Desk, studio: Studio, tmp_path: Path
+    desk: Desk, app: AppContext, tmp_path: Path
 ) -> None:
     made(desk, write_study(tmp_path / "a", SHORT_PLAN))
-    first = studies.find(studio, "short")
+    first = repository.find(app, "short")
     here = desk.begin({"b.zip": zipped(write_study(tmp_path / "b", OTHER))})
     page = desk.get(here).text
     assert "No fault found" not in page
     assert "&#39;short-2&#39; is free" in page
     answer = desk.post(f"{here}/create")
     assert (answer.status_code, "another slug" in answer.text) == (422, True)
-    assert studies.find(studio, "short") == first
+    assert repository.find(app, "short") == first
     # The slug is changed in the settings, and both are there.
     assert desk.post(f"{here}/settings", **fields(desk, here, slug="short-2")).status_code == 303
     assert "No fault found" in desk.get(here).text
     assert desk.post(f"{here}/create").status_code == 303
-    assert {info.slug for info in studies.all_studies(studio)} == {"short", "short-2"}
+    assert {info.slug for info in repository.all_studies(app)} == {"short", "short-2"}
 
 
 def fields(desk: Desk, here: str, **changed: str) -> dict[str, str]:
@@ -69,9 +69,9 @@ def fields(desk: Desk, here: str, **changed: str) -> dict[str, str]:
     return {**found, **changed}
 
 
-def test_a_draft_is_changed_by_its_own_copy(desk: Desk, studio: Studio, tmp_path: Path) -> None:
+def test_a_draft_is_changed_by_its_own_copy(desk: Desk, app: AppContext, tmp_path: Path) -> None:
     made(desk, write_study(tmp_path / "a", SHORT_PLAN))
-    first = studies.find(studio, "short")
+    first = repository.find(app, "short")
     here = desk.post("/studies/short/clone").headers["location"]
     assert ".origin" not in desk.get(here).text
     text = desk.get(f"{here}/text?file=study.yaml").text
@@ -80,12 +80,12 @@ def test_a_draft_is_changed_by_its_own_copy(desk: Desk, studio: Studio, tmp_path
     assert saved.status_code == 303
     assert "takes the place of the draft" in desk.get(here).text
     assert desk.post(f"{here}/create").status_code == 303
-    now = studies.find(studio, "short")
+    now = repository.find(app, "short")
     assert (now.plan.queries_per_trial, now.id != first.id) == (5, True)
 
 
 def test_a_copy_of_a_draft_that_was_replaced_meanwhile_replaces_no_newer_one(
-    desk: Desk, studio: Studio, tmp_path: Path
+    desk: Desk, app: AppContext, tmp_path: Path
 ) -> None:
     made(desk, write_study(tmp_path / "a", SHORT_PLAN))
     first, second = (desk.post("/studies/short/clone").headers["location"] for _ in range(2))
@@ -94,17 +94,17 @@ def test_a_copy_of_a_draft_that_was_replaced_meanwhile_replaces_no_newer_one(
         desk.post(f"{here}/text", file="study.yaml", text=text)
     assert desk.post(f"{first}/create").status_code == 303
     assert desk.post(f"{second}/create").status_code == 422
-    assert studies.find(studio, "short").plan.queries_per_trial == 5
+    assert repository.find(app, "short").plan.queries_per_trial == 5
 
 
 def test_the_very_same_study_again_changes_nothing(
-    desk: Desk, studio: Studio, tmp_path: Path
+    desk: Desk, app: AppContext, tmp_path: Path
 ) -> None:
     folder = write_study(tmp_path / "a", SHORT_PLAN)
     made(desk, folder)
-    first = studies.find(studio, "short")
+    first = repository.find(app, "short")
     made(desk, folder)
-    assert studies.find(studio, "short").id == first.id
+    assert repository.find(app, "short").id == first.id
 
 
 def test_a_copy_knows_which_slugs_are_taken(desk: Desk, tmp_path: Path) -> None:
@@ -116,10 +116,10 @@ def test_a_copy_knows_which_slugs_are_taken(desk: Desk, tmp_path: Path) -> None:
 
 
 def test_an_open_study_is_copied_under_another_slug_only(
-    desk: Desk, studio: Studio, tmp_path: Path
+    desk: Desk, app: AppContext, tmp_path: Path
 ) -> None:
     made(desk, write_study(tmp_path / "a", SHORT_PLAN))
-    studies.open_study(studio, "short")
+    repository.open_study(app, "short")
     assert desk.post("/studies/short/clone").status_code == 409
 
 
@@ -174,16 +174,16 @@ def test_the_command_line_replaces_its_own_folders_draft_alone(pbpo: Run, tmp_pa
 
 
 def test_the_command_line_replaces_no_draft_of_an_account(
-    desk: Desk, studio: Studio, tmp_path: Path
+    desk: Desk, app: AppContext, tmp_path: Path
 ) -> None:
     made(desk, write_study(tmp_path / "a", SHORT_PLAN))
-    tie = sharing.ties(studio, "short")[0]
+    tie = sharing.ties(app, "short")[0]
     assert tie.is_owner
-    other = studies.load_folder(str(write_study(tmp_path / "b", OTHER)))
+    other = repository.load_folder(str(write_study(tmp_path / "b", OTHER)))
     with pytest.raises(SlugTakenError):
-        studies.create(studio, other)
+        repository.create(app, other)
     with pytest.raises(SlugTakenError):
-        studies.create(studio, other, proof=Proof(origin=10**9))
+        repository.create(app, other, proof=Proof(origin=10**9))
 
 
 def test_the_command_line_leaves_a_draft_of_an_account_even_if_asked(

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from app.services.studies import StudyInfo
+from app.services.studies.repository import StudyInfo
 from app.study.shortening import shortened
 
 from .client import Api

@@ -12,24 +12,26 @@ from sqlalchemy import text
 
 from app.crane import library
 from app.main import create_app
-from app.services import recordings, worker_tasks
-from app.services.apart import FailedApartError
-from app.services.recordings import CRANE, FoundSource
-from app.services.settings import Settings
-from app.services.stores import s3_bucket
-from app.services.studio import Studio, open_studio
-from app.services.worker_tasks import Pulse, WorkerTasks
+from app.services.background.remote import FailedApartError
+from app.services.bootstrap import open_app
+from app.services.context import AppContext
+from app.services.maintenance import worker_tasks
+from app.services.maintenance.worker_tasks import HeartbeatConfig, WorkerTasks
+from app.services.recordings import recordings
+from app.services.recordings.recordings import CRANE, FoundSource
+from app.services.recordings.stores import s3_client
+from app.services.runtime.settings import Settings
 from app.storage.task_queue import RENDER, TaskQueue
 from tests.databases import PostgresServer
 from tests.s3_server import BUCKET, S3Server
 
-from .apart import queue, server, studio
+from .apart import app, queue, server
 from .client import Api
 from .own_store import running, store
 from .test_videos_that_go import Here
 from .workers import PATIENCE_S, until
 
-__all__ = ["queue", "running", "server", "store", "studio"]
+__all__ = ["app", "queue", "running", "server", "store"]
 
 pytestmark = pytest.mark.postgresql
 
@@ -58,10 +60,10 @@ def tasks(
 ) -> Iterator[WorkerTasks]:
     """A worker's, in this process; nobody waits until it tries again."""
     monkeypatch.setattr(worker_tasks, "_PASSES_S", 0)
-    monkeypatch.setattr(s3_bucket, "AWAY_S", 0)
+    monkeypatch.setattr(s3_client, "AWAY_S", 0)
     recordings._stores.cache_clear()
-    worker = open_studio(settings, background=Here(1))
-    made = WorkerTasks(worker, queue, Pulse())
+    worker = open_app(settings, background=Here(1))
+    made = WorkerTasks(worker, queue, HeartbeatConfig())
     yield made
     made.stop()
     worker.close()
@@ -69,8 +71,8 @@ def tasks(
 
 
 async def do_what_waits(tasks: WorkerTasks) -> None:
-    async with tasks.app().open_async() as app:
-        await app.run_worker_async(
+    async with tasks.app().open_async() as queue_app:
+        await queue_app.run_worker_async(
             queues=[RENDER],
             wait=False,
             install_signal_handlers=False,
@@ -79,14 +81,14 @@ async def do_what_waits(tasks: WorkerTasks) -> None:
 
 
 def test_who_waits_is_told_that_the_store_is_away_and_has_the_video_when_it_is_back(
-    studio: Studio, queue: TaskQueue, store: S3Server, tasks: WorkerTasks
+    app: AppContext, queue: TaskQueue, store: S3Server, tasks: WorkerTasks
 ) -> None:
     with (
-        Api(create_app(studio=studio), follow_redirects=False) as client,
+        Api(create_app(app=app), follow_redirects=False) as client,
         ThreadPoolExecutor(1) as thread,
         pytest.MonkeyPatch.context() as patch,
     ):
-        patch.setattr(studio.recordings, "find", lambda _: FoundSource(CRANE, LOCATOR))
+        patch.setattr(app.recordings, "find", lambda _: FoundSource(CRANE, LOCATOR))
         # The server has looked, and left the video to a worker.
         asked = thread.submit(client.get, "/media/any.mp4")
         until(lambda: queue.count(RENDER) == (1, 0), "it was asked for")
@@ -98,8 +100,8 @@ def test_who_waits_is_told_that_the_store_is_away_and_has_the_video_when_it_is_b
             store.start()
         assert refusal.status_code == 503, refusal.text
         assert refusal.json()["detail"] == "the store of recordings cannot be reached"
-        with studio.database.read() as session:
-            tried = session.scalar(
+        with app.database.read() as db:
+            tried = db.scalar(
                 text("SELECT attempts FROM procrastinate.procrastinate_jobs WHERE status='failed'")
             )
         assert tried == worker_tasks.MOST_LOSSES
@@ -112,9 +114,9 @@ def test_who_waits_is_told_that_the_store_is_away_and_has_the_video_when_it_is_b
 
 
 def test_what_a_worker_cannot_do_at_all_is_no_store_that_is_away(
-    studio: Studio, queue: TaskQueue, tasks: WorkerTasks
+    app: AppContext, queue: TaskQueue, tasks: WorkerTasks
 ) -> None:
-    unknown = studio.background.in_process((RENDER, "env1/999/0"), print)
+    unknown = app.background.in_process((RENDER, "env1/999/0"), print)
     until(lambda: queue.count(RENDER) == (1, 0), "it was asked for")
     asyncio.run(do_what_waits(tasks))
     assert isinstance(unknown.exception(PATIENCE_S), FailedApartError)

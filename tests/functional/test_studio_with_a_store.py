@@ -15,9 +15,11 @@ from urllib.parse import unquote
 import pytest
 
 from app.crane import library
-from app.services import backups, cloning, lifecycle, safety, studies
-from app.services.errors import ConflictError, StoreAwayError
-from app.services.recordings import (
+from app.services.bootstrap import open_app
+from app.services.context import AppContext
+from app.services.maintenance import backups
+from app.services.monitoring import startup_checks
+from app.services.recordings.recordings import (
     FILE,
     FoundSource,
     Recordings,
@@ -25,12 +27,13 @@ from app.services.recordings import (
     keep_rendered,
     make_video,
 )
-from app.services.settings import Settings
-from app.services.stores import s3, s3_bucket
-from app.services.stores.opening import open_stores
-from app.services.stores.store import Link
-from app.services.studies import StudyInfo
-from app.services.studio import Studio, open_studio
+from app.services.recordings.stores import s3, s3_client
+from app.services.recordings.stores.factory import open_stores
+from app.services.recordings.stores.interface import Link
+from app.services.runtime.errors import ConflictError, StoreAwayError
+from app.services.runtime.settings import Settings
+from app.services.studies import folder_export, lifecycle, repository
+from app.services.studies.repository import StudyInfo
 from tests.conftest import STARTED, Idle
 from tests.s3_server import BUCKET, KEY, SECRET, S3Server
 
@@ -62,51 +65,51 @@ class AtOnce(Idle):
 
 
 def test_a_rendered_video_is_put_into_the_store_by_whoever_made_it(
-    studio: Studio, store: S3Server
+    app: AppContext, store: S3Server
 ) -> None:
     locator = crane_locator("env1", 0, 0)
-    made = make_video(studio.settings, locator)
+    made = make_video(app.settings, locator)
     (key,) = store.names()
     # By its content: neither the environment nor the candidate is in the name.
     assert re.fullmatch(r"lab/one/media/[0-9a-f]{32}\.mp4", key)
     assert store.read(key) == made.read_bytes()
     source = FoundSource("crane", locator)
-    assert studio.recordings.ensure(source).done()
-    assert studio.recordings.sizes([source]) == {locator: made.stat().st_size}
+    assert app.recordings.ensure(source).done()
+    assert app.recordings.sizes([source]) == {locator: made.stat().st_size}
 
 
 def test_a_copy_of_a_study_has_its_videos(
-    studio: Studio, own_study: StudyInfo, folder: Path, tmp_path: Path
+    app: AppContext, own_study: StudyInfo, folder: Path, tmp_path: Path
 ) -> None:
-    cloning.write_folder(studio, "kettles", tmp_path / "copy", "copied")
+    folder_export.write_folder(app, "kettles", tmp_path / "copy", "copied")
     for video in (folder / "videos").iterdir():
         assert frames(tmp_path / "copy" / "videos" / video.name) == frames(video)
 
 
 def test_what_is_deleted_goes_from_the_store_and_nothing_beside_it(
-    studio: Studio, own_study: StudyInfo, store: S3Server
+    app: AppContext, own_study: StudyInfo, store: S3Server
 ) -> None:
     name = store.names()[0].rpartition("/")[2]
     beside = [f"lab/{name}", f"lab/one/media/{name}", f"uploads/{name}"]
     for key in beside:
         store.client.put_object(Bucket=BUCKET, Key=key, Body=b"another's")
-    studies.close_study(studio, "kettles")
-    lifecycle.delete(studio, "kettles", typed="kettles")
+    repository.close_study(app, "kettles")
+    lifecycle.delete(app, "kettles", typed="kettles")
     assert sorted(store.names()) == sorted(beside)
     with pytest.raises(ValueError, match="expected the name of a file"):
-        studio.recordings.throw_away(["../../uploads/" + name])
+        app.recordings.throw_away(["../../uploads/" + name])
 
 
 def test_a_store_that_refuses_is_said_without_its_keys(
     client: Api,
-    studio: Studio,
+    app: AppContext,
     store: S3Server,
     settings: Settings,
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     elsewhere = settings.model_copy(update={"recordings_url": "s3://another-bucket"})
-    object.__setattr__(studio, "settings", elsewhere)
-    begin_anew(studio)
+    object.__setattr__(app, "settings", elsewhere)
+    begin_anew(app)
     (fault,) = client.get("/readyz").json()["faults"]
     assert fault == "The store of recordings refuses: NoSuchBucket."
     assert "NoSuchBucket" in caplog.text
@@ -125,61 +128,61 @@ def test_without_keys_a_studio_is_not_opened(
 
 
 def test_a_video_is_made_ahead_only_if_the_store_lacks_it(
-    studio: Studio, store: S3Server, tmp_path: Path
+    app: AppContext, store: S3Server, tmp_path: Path
 ) -> None:
     source = FoundSource("crane", crane_locator("env1", 0, 1))
     background = AtOnce()
-    recordings = Recordings(studio.database, background, studio.settings)
-    recordings.make_soon(source)
+    recordings = Recordings(app.database, background, app.settings)
+    recordings.prefetch(source)
     assert background.made == [("render", "env1/0/1")]
     recordings.close()
 
     name = library.video_name("env1", 0, 1)
     (tmp_path / name).write_bytes(b"rendered elsewhere")
-    keep_rendered(studio.settings, tmp_path)
+    keep_rendered(app.settings, tmp_path)
     assert store.names() == [f"lab/one/media/{name}"]
-    recordings = Recordings(studio.database, background, studio.settings)
-    recordings.make_soon(source)
+    recordings = Recordings(app.database, background, app.settings)
+    recordings.prefetch(source)
     assert len(background.made) == 1
     recordings.close()
 
 
 def test_many_videos_are_looked_up_by_one_list(
-    studio: Studio, own_study: StudyInfo, store: S3Server, monkeypatch: pytest.MonkeyPatch
+    app: AppContext, own_study: StudyInfo, store: S3Server, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(s3, "PAGE", 3)
     names = [key.rpartition("/")[2] for key in store.names()]
-    begin_anew(studio)
+    begin_anew(app)
     store.asked.clear()
     missing = [f"{number:064}.mp4" for number in range(20)]
-    found = studio.recordings.sizes(FoundSource(FILE, name) for name in [*missing, *names])
+    found = app.recordings.sizes(FoundSource(FILE, name) for name in [*missing, *names])
     assert set(found) == set(names)
     assert store.asked == [f"GET /{BUCKET}"] * 2
 
 
 def test_pictures_of_pages_have_the_videos_for_as_long_as_they_take(
-    studio: Studio, own_study: StudyInfo, store: S3Server
+    app: AppContext, own_study: StudyInfo, store: S3Server
 ) -> None:
     name = store.names()[0].rpartition("/")[2]
     there, gone = FoundSource(FILE, name), FoundSource(FILE, f"{'0' * 64}.mp4")
-    with studio.recordings.files([gone, there]) as files:
+    with app.recordings.files([gone, there]) as files:
         assert [file.read_bytes() for file in files] == [store.read(store.names()[0])]
     assert not files[0].exists()
 
 
 @pytest.mark.sqlite
 def test_a_backup_names_the_videos_in_the_store_and_a_restore_says_what_is_missing(
-    studio: Studio, own_study: StudyInfo, store: S3Server, tmp_path: Path
+    app: AppContext, own_study: StudyInfo, store: S3Server, tmp_path: Path
 ) -> None:
     target = tmp_path / "backup.zip"
-    held = backups.backup(studio.settings, target, STARTED)
+    held = backups.backup(app.settings, target, STARTED)
     assert (held.store, held.elsewhere, held.files) == (f"s3://{BUCKET}/lab/one", 4, 0)
     names = {key.rpartition("/")[2] for key in store.names()}
     with zipfile.ZipFile(target) as archive:
         assert set(json.loads(archive.read("manifest.json"))["elsewhere"]["files"]) == names
 
     for missing in (0, 1):
-        new = studio.settings.model_copy(update={"data_dir": tmp_path / f"new-{missing}"})
+        new = app.settings.model_copy(update={"data_dir": tmp_path / f"new-{missing}"})
         assert backups.restore(target, new, [], STARTED).missing == missing
         store.client.delete_object(Bucket=BUCKET, Key=store.names()[0])
 
@@ -190,17 +193,17 @@ def test_videos_of_a_backup_are_put_into_the_store_unless_their_study_was_delete
     settings: Settings, folder: Path, store: S3Server, tmp_path: Path, deleted_since: bool
 ) -> None:
     in_a_folder = settings.model_copy(update={"recordings_url": ""})
-    studio = open_studio(in_a_folder, background=Idle(1))
-    studies.create(studio, studies.load_folder(str(folder)))
-    studies.open_study(studio, "kettles")
-    studies.close_study(studio, "kettles")
+    app = open_app(in_a_folder, background=Idle(1))
+    repository.create(app, repository.load_folder(str(folder)))
+    repository.open_study(app, "kettles")
+    repository.close_study(app, "kettles")
     held = backups.backup(in_a_folder, tmp_path / "backup.zip", STARTED)
     assert (held.store, held.elsewhere, held.files) == ("", 0, 4)
     ledgers = []
     if deleted_since:
-        lifecycle.delete(studio, "kettles", typed="kettles")
+        lifecycle.delete(app, "kettles", typed="kettles")
         ledgers = [in_a_folder.ledger_path]
-    studio.close()
+    app.close()
 
     new = settings.model_copy(update={"data_dir": tmp_path / "new"})
     restored = backups.restore(tmp_path / "backup.zip", new, ledgers, STARTED)
@@ -210,46 +213,46 @@ def test_videos_of_a_backup_are_put_into_the_store_unless_their_study_was_delete
 
 
 def test_a_store_that_was_away_is_asked_again_after_a_while(
-    studio: Studio, store: S3Server, monkeypatch: pytest.MonkeyPatch
+    app: AppContext, store: S3Server, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(s3_bucket, "AWAY_S", 1.5)
+    monkeypatch.setattr(s3_client, "AWAY_S", 1.5)
     store.stop()
     try:
-        assert studio.recordings.fault() is not None
+        assert app.recordings.fault() is not None
     finally:
         store.start()
     store.asked.clear()
-    assert studio.recordings.fault() is not None
+    assert app.recordings.fault() is not None
     assert store.asked == []
     time.sleep(1.6)
-    assert studio.recordings.fault() is None
-    assert studio.recordings.fault() is None
+    assert app.recordings.fault() is None
+    assert app.recordings.fault() is None
     assert len(store.asked) == 2
 
 
 def test_a_video_that_another_process_has_thrown_away_is_kept_anew(
-    studio: Studio, store: S3Server, folder: Path
+    app: AppContext, store: S3Server, folder: Path
 ) -> None:
     videos = {f"{'a' * 64}.mp4": folder / "videos" / "a.mp4"}
-    studio.recordings.keep_files(videos)
-    elsewhere = Recordings(studio.database, studio.background, studio.settings)
+    app.recordings.keep_files(videos)
+    elsewhere = Recordings(app.database, app.background, app.settings)
     elsewhere.throw_away(videos)
     elsewhere.close()
     assert store.names() == []
-    studio.recordings.keep_files(videos)
+    app.recordings.keep_files(videos)
     assert len(store.names()) == 1
 
 
 def test_no_study_is_made_while_its_videos_cannot_be_kept(
-    studio: Studio, folder: Path, store: S3Server
+    app: AppContext, folder: Path, store: S3Server
 ) -> None:
     store.stop()
     try:
         with pytest.raises(StoreAwayError, match="cannot be reached"):
-            studies.create(studio, studies.load_folder(str(folder)))
+            repository.create(app, repository.load_folder(str(folder)))
     finally:
         store.start()
-    assert studies.all_studies(studio) == []
+    assert repository.all_studies(app) == []
 
 
 @pytest.mark.parametrize(
@@ -272,7 +275,7 @@ def test_links_lead_to_the_site_that_pages_may_load_from(
     stores.own.close()
 
 
-def test_in_production_links_over_plain_http_are_refused(studio: Studio, store: S3Server) -> None:
-    assert "PBPO_S3_ENDPOINT" not in " ".join(safety.unsafe_settings(studio, "::1"))
-    object.__setattr__(studio, "settings", studio.settings.model_copy(update={"production": True}))
-    assert "PBPO_S3_ENDPOINT" in " ".join(safety.unsafe_settings(studio, "::1"))
+def test_in_production_links_over_plain_http_are_refused(app: AppContext, store: S3Server) -> None:
+    assert "PBPO_S3_ENDPOINT" not in " ".join(startup_checks.unsafe_settings(app, "::1"))
+    object.__setattr__(app, "settings", app.settings.model_copy(update={"production": True}))
+    assert "PBPO_S3_ENDPOINT" in " ".join(startup_checks.unsafe_settings(app, "::1"))

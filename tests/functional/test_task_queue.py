@@ -10,23 +10,25 @@ from sqlalchemy import text
 from sqlalchemy.exc import OperationalError
 
 from app.main import create_app
-from app.services import design, jobs, studies
-from app.services.accounts import Experimenter
-from app.services.apart import Apart
-from app.services.recordings import make_video
-from app.services.studio import Studio, open_studio
-from app.services.worker_tasks import MOST_LOSSES, Pulse, WorkerTasks
-from app.storage import task_tables
+from app.services import jobs
+from app.services.accounts.accounts import Principal
+from app.services.background.remote import RemoteBackground
+from app.services.bootstrap import open_app
+from app.services.context import AppContext
+from app.services.maintenance.worker_tasks import MOST_LOSSES, HeartbeatConfig, WorkerTasks
+from app.services.recordings.recordings import make_video
+from app.services.studies import repository, simulation_results
+from app.storage import procrastinate_tables
 from app.storage.database import Database
 from app.storage.task_queue import JOB, RENDER, RETENTION, Task, TaskQueue
 from tests.databases import PostgresServer
 
-from .apart import TOKEN, queue, server, settings, somebody, studio, study, video
+from .apart import TOKEN, app, queue, server, settings, somebody, study, video
 from .client import Api
 from .test_watched_by_machines import names_on_the_dashboard, words
 from .workers import until
 
-__all__ = ["queue", "server", "settings", "somebody", "studio", "study"]
+__all__ = ["app", "queue", "server", "settings", "somebody", "study"]
 
 pytestmark = pytest.mark.postgresql
 
@@ -36,14 +38,14 @@ def test_several_servers_make_one_queue_and_another_versions_is_made_anew(
 ) -> None:
     database = Database(server.empty("fresh"))
     with ThreadPoolExecutor(4) as pool:
-        list(pool.map(lambda _: task_tables.prepare(database), range(4)))
+        list(pool.map(lambda _: procrastinate_tables.prepare(database), range(4)))
     queue = TaskQueue(database)
     queue.ask(Task(RENDER, "env1/0/0"))
-    task_tables.prepare(database)
+    procrastinate_tables.prepare(database)
     assert queue.count(RENDER) == (1, 0)
-    with database.write() as session:
-        session.execute(text("COMMENT ON SCHEMA procrastinate IS 'procrastinate 0.1'"))
-    task_tables.prepare(database)
+    with database.write() as db:
+        db.execute(text("COMMENT ON SCHEMA procrastinate IS 'procrastinate 0.1'"))
+    procrastinate_tables.prepare(database)
     assert queue.count(RENDER) == (0, 0)
     database.close()
 
@@ -54,8 +56,8 @@ def test_what_waits_is_asked_for_once_and_moved_up_for_who_waits(queue: TaskQueu
     urgent = [queue.ask(Task(RENDER, "b", priority=priority)) for priority in (10, 0)]
     assert queue.count(RENDER) == (2, 0)
     assert len(set(urgent)) == 1
-    with queue._database.read() as session:
-        order = session.scalars(
+    with queue._database.read() as db:
+        order = db.scalars(
             text(
                 "SELECT args->>'argument' FROM procrastinate.procrastinate_jobs"
                 " ORDER BY priority DESC, id"
@@ -74,11 +76,11 @@ class TestLost:
     """Tasks whose worker was lost; as if one had taken them, and had not been heard of again."""
 
     @pytest.fixture
-    def lose(self, studio: Studio) -> Callable[[], None]:
+    def lose(self, app: AppContext) -> Callable[[], None]:
         def taken() -> None:
-            with studio.database.write() as session:
-                session.execute(text("SET LOCAL search_path TO procrastinate"))
-                session.execute(text("UPDATE procrastinate_jobs SET status = 'doing'"))
+            with app.database.write() as db:
+                db.execute(text("SET LOCAL search_path TO procrastinate"))
+                db.execute(text("UPDATE procrastinate_jobs SET status = 'doing'"))
 
         return taken
 
@@ -100,26 +102,26 @@ class TestLost:
         assert queue.ask(Task(RENDER, "a")) != asked
 
     def test_what_was_taken_back_is_moved_up_as_well(
-        self, queue: TaskQueue, studio: Studio, lose: Callable[[], None]
+        self, queue: TaskQueue, app: AppContext, lose: Callable[[], None]
     ) -> None:
         asked = queue.ask(Task(RENDER, "a"))
         lose()
         queue.take_back(8, 3)
-        with studio.database.write() as session:
+        with app.database.write() as db:
             # As a worker does that gives it back.
-            session.execute(text("SET LOCAL search_path TO procrastinate"))
-            session.execute(text("UPDATE procrastinate_jobs SET scheduled_at = now()"))
+            db.execute(text("SET LOCAL search_path TO procrastinate"))
+            db.execute(text("UPDATE procrastinate_jobs SET scheduled_at = now()"))
         assert queue.ask(Task(RENDER, "a", priority=10)) == asked
 
     def test_one_that_is_waited_for_again_already_is_not_waited_for_twice(
-        self, queue: TaskQueue, lose: Callable[[], None], studio: Studio
+        self, queue: TaskQueue, lose: Callable[[], None], app: AppContext
     ) -> None:
         lost = queue.ask(Task(RETENTION, ""))
         lose()
-        with studio.database.write() as session:
+        with app.database.write() as db:
             # As each full hour does.
-            session.execute(text("SET LOCAL search_path TO procrastinate"))
-            session.execute(
+            db.execute(text("SET LOCAL search_path TO procrastinate"))
+            db.execute(
                 text(
                     "SELECT procrastinate_defer_periodic_job_v2"
                     "('retention', 'retention:', 'retention:', 'retention', 0, '', 1, '{}')"
@@ -131,31 +133,31 @@ class TestLost:
 
     def test_a_job_that_was_lost_too_often_says_so(
         self,
-        studio: Studio,
+        app: AppContext,
         queue: TaskQueue,
         lose: Callable[[], None],
-        somebody: Experimenter,
-        study: studies.StudyInfo,
+        somebody: Principal,
+        study: repository.StudyInfo,
     ) -> None:
-        asked = design.simulate(studio, somebody, study, 2, "certain", 0)
+        asked = simulation_results.simulate(app, somebody, study, 2, "certain", 0)
         until(lambda: queue.count(JOB) == (1, 0), "it was asked for")
-        tasks = WorkerTasks(studio, queue, Pulse())
+        tasks = WorkerTasks(app, queue, HeartbeatConfig())
         for _ in range(MOST_LOSSES):
             lose()
             tasks.take_back()
-        told = jobs.look(studio, somebody, asked.public_id)
+        told = jobs.look(app, somebody, asked.public_id)
         assert told.state == jobs.FAILED
         assert told.message == "it was given up after 3 workers were lost at it"
         tasks.stop()
 
 
-def test_the_queue_is_one_for_all_servers_and_measured_once(studio: Studio) -> None:
-    assert video(studio, "env1/0/0") is video(studio, "env1/0/0", urgent=True)
-    video(studio, "env1/1/0")
-    other = open_studio(studio.settings)
+def test_the_queue_is_one_for_all_servers_and_measured_once(app: AppContext) -> None:
+    assert video(app, "env1/0/0") is video(app, "env1/0/0", urgent=True)
+    video(app, "env1/1/0")
+    other = open_app(app.settings)
     video(other, "env1/1/0", urgent=True)
-    until(lambda: TaskQueue(studio.database).count(RENDER) == (2, 0), "both were asked for")
-    with Api(create_app(studio=other)) as client:
+    until(lambda: TaskQueue(app.database).count(RENDER) == (2, 0), "both were asked for")
+    with Api(create_app(app=other)) as client:
         headers = {"Authorization": f"Bearer {TOKEN}"}
         client.get("/healthz")
         text = client.get("/metrics", headers=headers).text
@@ -170,15 +172,15 @@ def test_the_queue_is_one_for_all_servers_and_measured_once(studio: Studio) -> N
 
 def test_where_the_queue_cannot_be_reached_who_waits_is_told() -> None:
     nowhere = Database("postgresql+psycopg://nobody@127.0.0.1:1/none?connect_timeout=2")
-    background = Apart(TaskQueue(nowhere))
+    background = RemoteBackground(TaskQueue(nowhere))
     future = background.in_process((RENDER, "env1/0/0"), make_video, urgent=True)
     assert isinstance(future.exception(30), OperationalError)
     background.close()
 
 
-def test_only_what_workers_can_do_is_asked_of_them(studio: Studio) -> None:
+def test_only_what_workers_can_do_is_asked_of_them(app: AppContext) -> None:
     with pytest.raises(TypeError, match="expected a video to be rendered"):
-        studio.background.in_process("anything", print)
-    waiting = video(studio, "env1/0/0")
-    studio.background.close()
+        app.background.in_process("anything", print)
+    waiting = video(app, "env1/0/0")
+    app.background.close()
     assert waiting.exception(1) is not None

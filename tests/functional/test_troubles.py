@@ -13,18 +13,18 @@ import pytest
 from sqlalchemy import func, select
 from sqlalchemy.exc import OperationalError
 
-from app.services import participation
-from app.services.accounts import Role
-from app.services.background import Queue
-from app.services.fault_counts import FaultCounts, Kind, Where
-from app.services.recordings import Recordings
-from app.services.studies import StudyInfo
-from app.services.studio import Studio
-from app.services.watching.stamp import stamp
-from app.services.watching.troubles import troubles
-from app.storage.records import FaultCount, Job
-from app.storage.tables import QueryRow
-from app.web import media
+from app.services.accounts.accounts import Role
+from app.services.background.interface import Queue
+from app.services.context import AppContext
+from app.services.failure_counter import FailureCounter, Kind, Where
+from app.services.monitoring.change_token import stamp
+from app.services.monitoring.incidents import troubles
+from app.services.recordings.recordings import Recordings
+from app.services.sessions import stages
+from app.services.studies.repository import StudyInfo
+from app.storage.models.records import FaultCount, Job
+from app.storage.models.studies import QueryRow
+from app.web.evaluator import media
 from tests.conftest import Clock
 
 from .client import Api
@@ -35,8 +35,8 @@ SHORT = Where(slug="short")
 
 
 @pytest.fixture
-def desk(short_study: StudyInfo, client: Api, studio: Studio) -> Desk:
-    return Desk(client, studio, "ada@lab.example", Role.ADMIN)
+def desk(short_study: StudyInfo, client: Api, app: AppContext) -> Desk:
+    return Desk(client, app, "ada@lab.example", Role.ADMIN)
 
 
 def told(desk: Desk) -> dict[str, str]:
@@ -54,7 +54,7 @@ def failing(monkeypatch: pytest.MonkeyPatch, error: Exception) -> Iterator[None]
         raise error
 
     with monkeypatch.context() as patch:
-        patch.setattr(participation, "current", fail)
+        patch.setattr(stages, "current", fail)
         yield
 
 
@@ -80,7 +80,7 @@ def test_a_page_and_a_call_that_fail_are_told_with_how_often_when_and_what_to_do
 
 
 def test_a_database_that_is_away_is_told_once_it_is_back(
-    desk: Desk, client: Api, monkeypatch: pytest.MonkeyPatch, studio: Studio
+    desk: Desk, client: Api, monkeypatch: pytest.MonkeyPatch, app: AppContext
 ) -> None:
     session = client.start()
     away = OperationalError("SELECT 1", {}, Exception("disk is full"))
@@ -89,7 +89,7 @@ def test_a_database_that_is_away_is_told_once_it_is_back(
         raise away
 
     with failing(monkeypatch, away), monkeypatch.context() as patch:
-        patch.setattr(type(studio.database), "write", refuse)
+        patch.setattr(type(app.database), "write", refuse)
         answer = client.get("/api/v1/session", headers=session.headers)
         assert answer.status_code == 503
     said = told(desk)
@@ -99,14 +99,14 @@ def test_a_database_that_is_away_is_told_once_it_is_back(
 
 
 def test_a_video_that_cannot_be_made_is_told(
-    desk: Desk, client: Api, studio: Studio, monkeypatch: pytest.MonkeyPatch
+    desk: Desk, client: Api, app: AppContext, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     url = client.start().to_first_query().state["query"]["left"]["url"]
 
     def fail(*_: Any, **_more: Any) -> Any:
         raise OSError("no space left on device")
 
-    monkeypatch.setattr(studio.recordings, "ensure", fail)
+    monkeypatch.setattr(app.recordings, "ensure", fail)
     with pytest.raises(OSError, match="no space left"):
         client.get(url)
     assert told(desk)["video"].startswith("One video could not be sent.")
@@ -126,11 +126,11 @@ def test_a_video_that_nobody_makes_is_answered_and_told(
 
 
 def test_that_no_worker_is_there_is_told_for_as_long_as_none_is(
-    desk: Desk, client: Api, studio: Studio, monkeypatch: pytest.MonkeyPatch
+    desk: Desk, client: Api, app: AppContext, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for workers in (1, 0):
         monkeypatch.setattr(
-            type(studio.background), "queue", lambda _, there=workers: Queue(0, 0, there)
+            type(app.background), "queue", lambda _, there=workers: Queue(0, 0, there)
         )
         assert ("no-worker" in told(desk)) == (workers == 0)
         ready = client.get("/readyz")
@@ -155,9 +155,9 @@ def test_a_clock_that_is_behind_what_is_stored_is_told(
     assert said.startswith("The clock is 9 days behind")
 
 
-def test_newcomers_who_were_turned_away_are_told(desk: Desk, client: Api, studio: Studio) -> None:
-    settings = studio.settings.model_copy(update={"begun_per_hour": 1})
-    object.__setattr__(studio, "settings", settings)
+def test_newcomers_who_were_turned_away_are_told(desk: Desk, client: Api, app: AppContext) -> None:
+    settings = app.settings.model_copy(update={"begun_per_hour": 1})
+    object.__setattr__(app, "settings", settings)
     client.cookies.clear()
     client.start()
     assert client.get("/s/short").status_code == 429
@@ -166,11 +166,11 @@ def test_newcomers_who_were_turned_away_are_told(desk: Desk, client: Api, studio
 
 
 def test_what_people_and_models_met_is_told_from_what_is_stored(
-    desk: Desk, client: Api, studio: Studio, short_study: StudyInfo
+    desk: Desk, client: Api, app: AppContext, short_study: StudyInfo
 ) -> None:
     session = client.start().to_first_query()
     session.call("faults", {"query_id": session.state["query"]["id"], "reason": "left: failed"})
-    with studio.database.write() as writing:
+    with app.database.write() as writing:
         writing.scalars(select(QueryRow)).first().acquisition = "random-fallback"  # type: ignore[union-attr]
         writing.add(
             Job(
@@ -182,8 +182,8 @@ def test_what_people_and_models_met_is_told_from_what_is_stored(
                 total=1,
                 request={},
                 message="its process ended before its time (status -9)",
-                created_at=studio.now(),
-                ended_at=studio.now(),
+                created_at=app.now(),
+                ended_at=app.now(),
             )
         )
     said = told(desk)
@@ -203,10 +203,10 @@ def test_what_is_a_persons_own_mistake_is_no_fault(desk: Desk, client: Api) -> N
 
 
 def test_faults_are_told_to_who_may_see_the_data_and_to_nobody_else(
-    desk: Desk, client: Api, studio: Studio
+    desk: Desk, client: Api, app: AppContext
 ) -> None:
-    studio.faults.count(Kind.PAGE, SHORT)
-    reviewer = Desk(client, studio, "rev@board.example", Role.REVIEWER)
+    app.faults.count(Kind.PAGE, SHORT)
+    reviewer = Desk(client, app, "rev@board.example", Role.REVIEWER)
     answer = reviewer.get("/studies/short")
     assert answer.headers["location"] == "/studies/short/plan"
     assert "went wrong" not in reviewer.get("/studies/short/plan").text
@@ -214,42 +214,42 @@ def test_faults_are_told_to_who_may_see_the_data_and_to_nobody_else(
 
 
 def test_counts_are_one_row_an_hour_and_are_gone_after_a_month(
-    studio: Studio, short_study: StudyInfo, clock: Clock
+    app: AppContext, short_study: StudyInfo, clock: Clock
 ) -> None:
     for seconds in (0, 60, 3600):
         clock.forward(seconds)
-        studio.faults.count(Kind.CALL, SHORT)
-    studio.faults.write()
-    with studio.database.read() as session:
-        found = session.execute(
+        app.faults.count(Kind.CALL, SHORT)
+    app.faults.write()
+    with app.database.read() as db:
+        found = db.execute(
             select(FaultCount.number, FaultCount.last_at).order_by(FaultCount.hour)
         ).all()
     assert [number for number, _ in found] == [2, 1]
     assert found[0].last_at == clock.now() - timedelta(hours=1)
-    (trouble,) = troubles(studio, short_study)
+    (trouble,) = troubles(app, short_study)
     assert trouble.said.startswith("3 requests")
     clock.forward(7 * DAY)
-    assert troubles(studio, short_study) == []
+    assert troubles(app, short_study) == []
     clock.forward(23 * DAY)
-    assert studio.faults.delete_old() == 2
+    assert app.faults.delete_old() == 2
 
 
-def test_an_open_page_learns_of_a_fault(studio: Studio, short_study: StudyInfo) -> None:
-    before = stamp(studio, short_study.id, ["live"], 30)
-    studio.faults.count(Kind.PAGE, SHORT)
-    assert stamp(studio, short_study.id, ["live"], 30) != before
+def test_an_open_page_learns_of_a_fault(app: AppContext, short_study: StudyInfo) -> None:
+    before = stamp(app, short_study.id, ["live"], 30)
+    app.faults.count(Kind.PAGE, SHORT)
+    assert stamp(app, short_study.id, ["live"], 30) != before
 
 
 def test_a_flood_is_written_once_and_what_belongs_to_no_study_not_at_all(
-    studio: Studio, short_study: StudyInfo
+    app: AppContext, short_study: StudyInfo
 ) -> None:
-    counts = FaultCounts(studio.database, studio.now)
+    counts = FailureCounter(app.database, app.now)
     for _ in range(50):
         counts.count(Kind.CALL, SHORT)
-    with studio.database.read() as session:
-        assert session.scalar(select(func.sum(FaultCount.number))) == 1
+    with app.database.read() as db:
+        assert db.scalar(select(func.sum(FaultCount.number))) == 1
     counts.count(Kind.CALL, Where(slug="gone"))
     counts.count(Kind.VIDEO, Where(recording="gone"))
     counts.write()
-    with studio.database.read() as session:
-        assert session.scalar(select(func.sum(FaultCount.number))) == 50
+    with app.database.read() as db:
+        assert db.scalar(select(func.sum(FaultCount.number))) == 50

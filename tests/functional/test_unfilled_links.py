@@ -7,8 +7,8 @@ import re
 
 import pytest
 
-from app.services.accounts import Role
-from app.services.studio import Studio
+from app.services.accounts.accounts import Role
+from app.services.context import AppContext
 
 from .client import Api
 from .conftest import Recruit
@@ -26,7 +26,7 @@ UNFILLED = {
 @pytest.mark.parametrize("returning", ["resume", "block", "again"])
 @pytest.mark.parametrize("plan", UNFILLED)
 def test_two_who_come_by_the_same_unfilled_link_are_two(
-    client: Api, recruit: Recruit, studio: Studio, plan: str, returning: str
+    client: Api, recruit: Recruit, app: AppContext, plan: str, returning: str
 ) -> None:
     recruit(f"{plan}  returning: {returning}\n")
     for _ in range(2):
@@ -34,15 +34,15 @@ def test_two_who_come_by_the_same_unfilled_link_are_two(
         assert heading(client.get(f"/s/short{link}")) == HEADINGS["consent"]
         sent_on(agree(client, link))
         in_another_browser(client)
-    assert sessions_and_people(studio) == (2, 2)
-    assert identities(client, token_for(studio)) == {}
+    assert sessions_and_people(app) == (2, 2)
+    assert identities(client, token_for(app)) == {}
 
 
 def test_the_link_that_the_recruit_page_gives_is_safe_to_open_as_it_stands(
-    client: Api, recruit: Recruit, studio: Studio
+    client: Api, recruit: Recruit, app: AppContext
 ) -> None:
     recruit(f"{PROLIFIC}  returning: block\n")
-    desk = Desk(client, studio, "ada@lab.example", Role.ADMIN)
+    desk = Desk(client, app, "ada@lab.example", Role.ADMIN)
     page = desk.get("/studies/short/recruit").text
     found = re.search(r">http://testserver(/s/short\?PROLIFIC_PID=[^<]+)<", page)
     assert found
@@ -51,14 +51,14 @@ def test_the_link_that_the_recruit_page_gives_is_safe_to_open_as_it_stands(
         in_another_browser(client)
         assert heading(client.get(link)) == HEADINGS["consent"]
         sent_on(agree(client, link.removeprefix("/s/short")))
-    assert sessions_and_people(studio) == (2, 2)
+    assert sessions_and_people(app) == (2, 2)
 
 
 def test_the_overview_tells_of_people_who_came_by_such_links_and_of_links_that_were_refused(
-    client: Api, recruit: Recruit, studio: Studio
+    client: Api, recruit: Recruit, app: AppContext
 ) -> None:
     recruit(PROLIFIC)
-    desk = Desk(client, studio, "ada@lab.example", Role.ADMIN)
+    desk = Desk(client, app, "ada@lab.example", Role.ADMIN)
     assert "not filled in" not in desk.get("/studies/short").text
     agree(client, f"?{UNFILLED[PROLIFIC]}")
     client.start(external_ids={"PROLIFIC_PID": "undefined"})

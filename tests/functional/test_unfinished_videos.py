@@ -11,9 +11,9 @@ from pathlib import Path
 import pytest
 
 from app.main import create_app
-from app.services import unfinished
-from app.services.settings import Settings
-from app.services.studio import Studio
+from app.services.context import AppContext
+from app.services.maintenance import partial_files
+from app.services.runtime.settings import Settings
 from tests.conftest import STARTED
 
 DAY = timedelta(days=1)
@@ -35,8 +35,8 @@ def write(folder: Path, name: str, age: timedelta) -> Path:
     return path
 
 
-def test_what_nobody_has_written_to_for_a_day_goes_and_nothing_else(studio: Studio) -> None:
-    media, own = studio.settings.media_dir, studio.settings.own_videos
+def test_what_nobody_has_written_to_for_a_day_goes_and_nothing_else(app: AppContext) -> None:
+    media, own = app.settings.media_dir, app.settings.own_videos
     old = [write(media, RENDERING, DAY), write(own, KEEPING, 9 * DAY)]
     kept = [
         # Another process may be at it.
@@ -45,26 +45,26 @@ def test_what_nobody_has_written_to_for_a_day_goes_and_nothing_else(studio: Stud
         write(media, "somebodys-download.part", 9 * DAY),
         write(own / "drafts" / "one", ".a.mp4.part", 9 * DAY),
     ]
-    assert unfinished.sweep(studio, lambda: True) == 0
-    assert unfinished.sweep(studio) == len(old)
+    assert partial_files.sweep(app, lambda: True) == 0
+    assert partial_files.sweep(app) == len(old)
     assert not any(path.exists() for path in old)
     assert all(path.exists() for path in kept)
 
 
 def test_it_goes_although_another_process_has_just_removed_some(
-    studio: Studio, monkeypatch: pytest.MonkeyPatch
+    app: AppContext, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    gone, left = (write(studio.settings.media_dir, f".{c * 64}.x.part", DAY) for c in "ab")
+    gone, left = (write(app.settings.media_dir, f".{c * 64}.x.part", DAY) for c in "ab")
     found = [gone, left]
-    monkeypatch.setattr(unfinished, "_unfinished", lambda _folder: found)
+    monkeypatch.setattr(partial_files, "_unfinished", lambda _folder: found)
     gone.unlink()
-    unfinished.sweep(studio)
+    partial_files.sweep(app)
     assert not left.exists()
 
 
-def test_a_server_removes_it_when_it_starts(studio: Studio) -> None:
-    old = write(studio.settings.media_dir, RENDERING, DAY)
-    server = create_app(studio=studio)
+def test_a_server_removes_it_when_it_starts(app: AppContext) -> None:
+    old = write(app.settings.media_dir, RENDERING, DAY)
+    server = create_app(app=app)
 
     async def run() -> None:
         async with server.router.lifespan_context(server):
@@ -76,13 +76,13 @@ def test_a_server_removes_it_when_it_starts(studio: Studio) -> None:
     assert not old.exists()
 
 
-def test_one_that_cannot_be_removed_keeps_no_other(studio: Studio) -> None:
-    media = studio.settings.media_dir
+def test_one_that_cannot_be_removed_keeps_no_other(app: AppContext) -> None:
+    media = app.settings.media_dir
     stuck = media / f".{'0' * 32}.x.part"
     (stuck / "within").mkdir(parents=True)
     at = (STARTED - DAY).timestamp()
     os.utime(stuck, (at, at))
     gone = write(media, f".{'f' * 32}.x.part", DAY)
-    assert unfinished.sweep(studio) == 1
+    assert partial_files.sweep(app) == 1
     assert stuck.exists()
     assert not gone.exists()

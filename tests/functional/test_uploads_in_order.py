@@ -11,10 +11,10 @@ from pathlib import Path
 import pytest
 from starlette.datastructures import UploadFile
 
-from app.services.accounts import Role
-from app.services.settings import Settings
-from app.services.studio import Studio
-from app.web import uploading
+from app.services.accounts.accounts import Role
+from app.services.context import AppContext
+from app.services.runtime.settings import Settings
+from app.web.experimenter import upload_forms
 
 from .client import Api
 from .desk import Desk
@@ -91,8 +91,8 @@ class Body:
 
 
 @pytest.fixture
-def desk(client: Api, studio: Studio) -> Desk:
-    return Desk(client, studio, "mo@lab.example", Role.EXPERIMENTER)
+def desk(client: Api, app: AppContext) -> Desk:
+    return Desk(client, app, "mo@lab.example", Role.EXPERIMENTER)
 
 
 @pytest.fixture
@@ -109,8 +109,8 @@ def kept(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     return pieces
 
 
-def files_in(studio: Studio) -> list[Path]:
-    return [path for path in studio.settings.uploads_dir.rglob("*") if path.is_file()]
+def files_in(app: AppContext) -> list[Path]:
+    return [path for path in app.settings.uploads_dir.rglob("*") if path.is_file()]
 
 
 @pytest.mark.sqlite
@@ -122,13 +122,13 @@ def test_three_hundred_files_take_little_memory(desk: Desk) -> None:
 
 @pytest.mark.parametrize("token", ["wrong", ""])
 def test_with_a_wrong_token_nothing_is_kept(
-    desk: Desk, studio: Studio, kept: list[int], token: str
+    desk: Desk, app: AppContext, kept: list[int], token: str
 ) -> None:
     with Watched() as memory:
         assert Body(token).send(desk, "/drafts") == 403
     assert memory.growth < MOST_GROWTH
     assert not any(kept)
-    assert files_in(studio) == []
+    assert files_in(app) == []
 
 
 def test_a_token_behind_the_files_is_too_late(desk: Desk, kept: list[int]) -> None:
@@ -136,20 +136,20 @@ def test_a_token_behind_the_files_is_too_late(desk: Desk, kept: list[int]) -> No
     assert not any(kept)
 
 
-def test_a_reviewer_sends_nothing(client: Api, studio: Studio, kept: list[int]) -> None:
-    reviewer = Desk(client, studio, "rev@lab.example", Role.REVIEWER)
+def test_a_reviewer_sends_nothing(client: Api, app: AppContext, kept: list[int]) -> None:
+    reviewer = Desk(client, app, "rev@lab.example", Role.REVIEWER)
     body = Body(reviewer.csrf)
     assert body.send(reviewer, "/drafts") == 403
     assert kept == []
     # Not even all of it was let come.
-    assert body.sent < uploading._DRAINED_BYTES + 2 * MEGABYTE
+    assert body.sent < upload_forms._DRAINED_BYTES + 2 * MEGABYTE
 
 
 def test_nobody_adds_files_to_a_draft_of_somebody_else(
-    desk: Desk, client: Api, studio: Studio, kept: list[int]
+    desk: Desk, client: Api, app: AppContext, kept: list[int]
 ) -> None:
     here = desk.begin({}, name="Mine")
-    other = Desk(client, studio, "other@lab.example", Role.ADMIN)
+    other = Desk(client, app, "other@lab.example", Role.ADMIN)
     kept.clear()
     assert Body(other.csrf, files=3).send(other, f"{here}/files") == 404
     assert kept == []
@@ -157,13 +157,13 @@ def test_nobody_adds_files_to_a_draft_of_somebody_else(
     assert client.post(f"{here}/files", content=b"x").status_code in (303, 422)
 
 
-def test_a_form_takes_500_files_and_says_what_to_do_with_more(desk: Desk, studio: Studio) -> None:
-    files = {f"{number}.txt": b"x" for number in range(uploading.MOST_FILES + 1)}
+def test_a_form_takes_500_files_and_says_what_to_do_with_more(desk: Desk, app: AppContext) -> None:
+    files = {f"{number}.txt": b"x" for number in range(upload_forms.MOST_FILES + 1)}
     answer = desk.send("/drafts", files)
     assert answer.status_code == 422
     assert "at most 500 files at once" in answer.text
     assert "Put them into a zip" in answer.text
-    assert files_in(studio) == []
+    assert files_in(app) == []
     files.popitem()
     assert desk.send("/drafts", files).status_code == 303
 
@@ -191,9 +191,9 @@ def test_a_form_without_files_is_no_way_round_the_limits(desk: Desk) -> None:
 
 
 def test_an_account_sends_two_forms_at_a_time(desk: Desk, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(uploading._coming, desk.account.account_id, uploading.MOST_AT_ONCE)
+    monkeypatch.setitem(upload_forms._coming, desk.account.account_id, upload_forms.MOST_AT_ONCE)
     answer = desk.send("/drafts", {"a.txt": b"x"})
     assert (answer.status_code, "at a time" in answer.text) == (429, True)
-    uploading._coming.clear()
+    upload_forms._coming.clear()
     assert desk.send("/drafts", {"a.txt": b"x"}).status_code == 303
-    assert not uploading._coming
+    assert not upload_forms._coming

@@ -13,13 +13,13 @@ import pytest
 from sqlalchemy import select
 
 from app.crane import library
-from app.services import studies
-from app.services.recordings import CRANE
-from app.services.settings import Settings
-from app.services.stores.opening import OWN_AT_PROXY, RENDERED_AT_PROXY
-from app.services.stores.store import KEPT
-from app.services.studio import open_studio
-from app.storage.tables import Recording
+from app.services.bootstrap import open_app
+from app.services.recordings.recordings import CRANE
+from app.services.recordings.stores.factory import OWN_AT_PROXY, RENDERED_AT_PROXY
+from app.services.recordings.stores.interface import KEPT
+from app.services.runtime.settings import Settings
+from app.services.studies import repository
+from app.storage.models.studies import Recording
 from tests.conftest import Idle
 
 from .own_study import write_own_study
@@ -54,19 +54,19 @@ def behind(tmp_path_factory: pytest.TempPathFactory, media_dir: Path) -> Iterato
     folder = tmp_path_factory.mktemp("behind")
     own, rendered = (folder / "srv/videos" / name for name in ("own", "rendered"))
     settings = Settings(data_dir=folder / "data", own_videos_dir=own, media_dir=rendered)
-    studio = open_studio(settings, background=Idle(1))
-    studies.create(studio, studies.load_folder(str(write_own_study(folder / "kettles"))))
+    app = open_app(settings, background=Idle(1))
+    repository.create(app, repository.load_folder(str(write_own_study(folder / "kettles"))))
     assert not settings.uploads_dir.exists()
     video = Path(shutil.copy(library.ensure_video("env1", 0, 0, media_dir), rendered))
-    with studio.database.write() as session:
-        of_file, of_crane, odd, _ = session.scalars(select(Recording)).all()
+    with app.database.write() as db:
+        of_file, of_crane, odd, _ = db.scalars(select(Recording)).all()
         (own / odd.locator).rename(own / ODD_NAME)
         odd.locator = ODD_NAME
         of_crane.source, of_crane.locator = CRANE, "env1/0/0"
         files = {of_file: own / of_file.locator, of_crane: video, odd: own / ODD_NAME}
         named = {recording.public_id: file for recording, file in files.items()}
         behind = Behind("", folder, named, odd.public_id)
-    studio.close()
+    app.close()
     behind.seen.symlink_to(folder / "srv")
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("PBPO_PROXY_SENDS_VIDEOS", "true")

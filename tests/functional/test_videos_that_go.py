@@ -14,13 +14,13 @@ import httpx
 import pytest
 
 from app.crane import library
-from app.services import recordings
-from app.services.background import Background
-from app.services.errors import StoreAwayError
-from app.services.settings import Settings
-from app.services.stores.folder import FolderStore
-from app.services.studies import StudyInfo
-from app.services.studio import Studio
+from app.services.background.interface import Background
+from app.services.context import AppContext
+from app.services.recordings import recordings
+from app.services.recordings.stores.folder import FolderStore
+from app.services.runtime.errors import StoreAwayError
+from app.services.runtime.settings import Settings
+from app.services.studies.repository import StudyInfo
 from tests.conftest import Idle
 
 from .client import Api
@@ -80,14 +80,14 @@ def refused(answer: httpx.Response) -> str:
 )
 def test_a_file_that_goes_is_said_to_be_away_and_then_to_be_missing(
     client: Api,
-    studio: Studio,
+    app: AppContext,
     url: str,
     monkeypatch: pytest.MonkeyPatch,
     asked: dict[str, str],
     moment: str,
 ) -> None:
     assert client.get(url, headers=asked).status_code == (206 if asked else 200)
-    hand_out, open_file = studio.recordings.hand_out, anyio.open_file
+    hand_out, open_file = app.recordings.hand_out, anyio.open_file
 
     def gone(path: Any) -> Any:
         Path(path).unlink()
@@ -95,7 +95,7 @@ def test_a_file_that_goes_is_said_to_be_away_and_then_to_be_missing(
 
     with monkeypatch.context() as patch:
         if moment == "before it is looked at":
-            patch.setattr(studio.recordings, "hand_out", lambda *a, **k: gone(hand_out(*a, **k)))
+            patch.setattr(app.recordings, "hand_out", lambda *a, **k: gone(hand_out(*a, **k)))
         else:
             patch.setattr(anyio, "open_file", lambda path, **k: open_file(gone(path), **k))
         assert "ask for it again" in refused(client.get(url, headers=asked))
@@ -103,9 +103,9 @@ def test_a_file_that_goes_is_said_to_be_away_and_then_to_be_missing(
 
 
 def test_a_folder_that_goes_while_a_video_is_made_is_said_to_be_away(
-    client: Api, studio: Studio, short_study: StudyInfo, monkeypatch: pytest.MonkeyPatch
+    client: Api, app: AppContext, short_study: StudyInfo, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    media = studio.settings.media_dir
+    media = app.settings.media_dir
 
     def render(_run: object, part: Path) -> None:
         part.write_bytes(b"a video")
@@ -120,10 +120,10 @@ def test_a_folder_that_goes_while_a_video_is_made_is_said_to_be_away(
     assert client.get(url).content == b"a video"
 
 
-def test_a_folder_that_takes_nothing_is_said_to_be_away(studio: Studio, tmp_path: Path) -> None:
+def test_a_folder_that_takes_nothing_is_said_to_be_away(app: AppContext, tmp_path: Path) -> None:
     in_the_way = tmp_path / "a-file"
     in_the_way.touch()
-    elsewhere = studio.settings.model_copy(update={"media_dir": in_the_way})
+    elsewhere = app.settings.model_copy(update={"media_dir": in_the_way})
     with pytest.raises(StoreAwayError, match=r"the video could not be made: .*exists"):
         recordings.make_video(elsewhere, recordings.crane_locator("env1", 0, 0))
     with pytest.raises(StoreAwayError, match=r"could not be kept: .*exists"):
@@ -146,14 +146,14 @@ def test_what_cannot_be_read_is_said_to_be_away_and_what_is_gone_is_not_there(
     (tmp_path / "loop.mp4").symlink_to("loop.mp4")
     names = ["a.mp4", "b.mp4", "folder.mp4", "loop.mp4", "a.mp4/within.mp4"]
     assert store.sizes(names) == {"a.mp4": 2}
-    assert [store.at_hand(name) for name in names] == [True, False, False, False, False]
+    assert [store.exists_cached(name) for name in names] == [True, False, False, False, False]
     assert not store.bring("b.mp4", tmp_path / "copy.mp4")
     with pytest.raises(StoreAwayError, match="cannot be read: File name too long"):
         store.sizes(["a" * 300])
-    assert store.at_hand("a" * 300) is None
+    assert store.exists_cached("a" * 300) is None
     with pytest.raises(StoreAwayError, match="could not be deleted"):
         store.throw_away(["a.mp4", "folder.mp4"])
-    assert not store.at_hand("a.mp4")
+    assert not store.exists_cached("a.mp4")
 
 
 def test_what_a_power_cut_left_of_a_video_is_kept_anew(tmp_path: Path) -> None:

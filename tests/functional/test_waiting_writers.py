@@ -10,9 +10,9 @@ from contextlib import closing
 import httpx
 import pytest
 
-from app.services.studies import StudyInfo
-from app.services.studio import Studio
-from app.web import in_line
+from app.services.context import AppContext
+from app.services.studies.repository import StudyInfo
+from app.web.http import concurrency
 from tests.conftest import database_file
 
 from .client import Api, Session
@@ -26,21 +26,21 @@ AT_ONCE_S = 5.0
 
 
 @pytest.fixture
-def lock(studio: Studio, short_study: StudyInfo) -> Iterator[sqlite3.Connection]:
+def lock(app: AppContext, short_study: StudyInfo) -> Iterator[sqlite3.Connection]:
     """Another program's connection; `BEGIN IMMEDIATE` on it keeps every writer waiting."""
-    with closing(sqlite3.connect(database_file(studio.settings), isolation_level=None)) as other:
+    with closing(sqlite3.connect(database_file(app.settings), isolation_level=None)) as other:
         yield other
 
 
-def respond(http: httpx.AsyncClient, session: Session) -> asyncio.Task[httpx.Response]:
-    body = {"query_id": session.state["query"]["id"], "response": "left"}
+def respond(http: httpx.AsyncClient, db: Session) -> asyncio.Task[httpx.Response]:
+    body = {"query_id": db.state["query"]["id"], "response": "left"}
     return asyncio.create_task(
-        http.post("/api/v1/session/responses", json=body, headers=session.headers)
+        http.post("/api/v1/session/responses", json=body, headers=db.headers)
     )
 
 
-def go_on(http: httpx.AsyncClient, session: Session) -> asyncio.Task[httpx.Response]:
-    cookie = {"Cookie": f"pbpo_session_short={session.token}", "Origin": "http://testserver"}
+def go_on(http: httpx.AsyncClient, db: Session) -> asyncio.Task[httpx.Response]:
+    cookie = {"Cookie": f"pbpo_session_short={db.token}", "Origin": "http://testserver"}
     return asyncio.create_task(http.post("/s/short/continue", headers=cookie))
 
 
@@ -71,7 +71,7 @@ def test_who_has_waited_for_too_long_is_told_so_and_may_send_again(
     client: Api, lock: sqlite3.Connection, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     sessions = [client.start().to_first_query() for _ in range(RESPONSES)]
-    monkeypatch.setattr(in_line, "PATIENCE_S", 0.1)
+    monkeypatch.setattr(concurrency, "PATIENCE_S", 0.1)
 
     async def scene(http: httpx.AsyncClient) -> list[int]:
         lock.execute("BEGIN IMMEDIATE")
@@ -81,7 +81,7 @@ def test_who_has_waited_for_too_long_is_told_so_and_may_send_again(
         lock.execute("ROLLBACK")
         return [answer.status_code for answer in await asyncio.gather(*waiting)]
 
-    told_so = RESPONSES - in_line.WRITING
-    assert client.run(scene) == [200] * in_line.WRITING + [503] * told_so
-    for one in sessions[in_line.WRITING :]:
+    told_so = RESPONSES - concurrency.WRITING
+    assert client.run(scene) == [200] * concurrency.WRITING + [503] * told_so
+    for one in sessions[concurrency.WRITING :]:
         assert one.respond("left").status_code == 200

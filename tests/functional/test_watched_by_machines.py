@@ -17,11 +17,11 @@ from fastapi import FastAPI
 from pydantic import SecretStr, ValidationError
 from sqlalchemy import text
 
-from app.services import logs
-from app.services.measurements import SHARED_DIR
-from app.services.settings import Settings, settings_faults
-from app.services.studies import StudyInfo
-from app.services.studio import Studio
+from app.services.context import AppContext
+from app.services.runtime import json_logging
+from app.services.runtime.metrics import SHARED_DIR
+from app.services.runtime.settings import Settings, settings_faults
+from app.services.studies.repository import StudyInfo
 from tests.conftest import Clock
 
 from .client import Api
@@ -47,7 +47,7 @@ def lines() -> Iterator[io.StringIO]:
     stream = io.StringIO()
     root = logging.getLogger()
     before, level = root.handlers[:], root.level
-    logs.write_json(stream)
+    json_logging.write_json(stream)
     yield stream
     root.handlers[:] = before
     root.setLevel(level)
@@ -81,9 +81,9 @@ def test_a_server_that_can_work_says_so(client: Api) -> None:
     assert client.request("HEAD", "/readyz").status_code == 200
 
 
-def test_a_database_at_another_schema_is_said(client: Api, studio: Studio) -> None:
-    with studio.database.write() as session:
-        session.execute(text("UPDATE alembic_version SET version_num = '0001'"))
+def test_a_database_at_another_schema_is_said(client: Api, app: AppContext) -> None:
+    with app.database.write() as db:
+        db.execute(text("UPDATE alembic_version SET version_num = '0001'"))
     assert [fault.partition(",")[0] for fault in faults(client)] == [
         "The database is at schema 0001"
     ]
@@ -91,20 +91,20 @@ def test_a_database_at_another_schema_is_said(client: Api, studio: Studio) -> No
 
 
 @pytest.mark.sqlite
-def test_a_database_that_is_none_is_said_without_its_address(client: Api, studio: Studio) -> None:
-    studio.database.close()
-    for file in studio.settings.data_dir.glob("pbpo.sqlite3*"):
+def test_a_database_that_is_none_is_said_without_its_address(client: Api, app: AppContext) -> None:
+    app.database.close()
+    for file in app.settings.data_dir.glob("pbpo.sqlite3*"):
         file.unlink()
-    (studio.settings.data_dir / "pbpo.sqlite3").write_bytes(b"no database at all" * 100)
+    (app.settings.data_dir / "pbpo.sqlite3").write_bytes(b"no database at all" * 100)
     assert faults(client) == ["The database cannot be reached."]
 
 
-def test_a_media_folder_that_has_gone_is_said(client: Api, studio: Studio) -> None:
-    studio.settings.media_dir.rmdir()
+def test_a_media_folder_that_has_gone_is_said(client: Api, app: AppContext) -> None:
+    app.settings.media_dir.rmdir()
     assert faults(client) == [
         "The folder of rendered videos cannot be written to: No such file or directory."
     ]
-    studio.settings.media_dir.mkdir()
+    app.settings.media_dir.mkdir()
     assert faults(client) == []
 
 
@@ -115,10 +115,10 @@ def test_measurements_are_for_the_holder_of_their_token(client: Api) -> None:
 
 
 def test_without_a_token_in_the_settings_there_are_no_measurements(
-    client: Api, studio: Studio, application: FastAPI
+    client: Api, app: AppContext, application: FastAPI
 ) -> None:
-    open_to_nobody = studio.settings.model_copy(update={"metrics_token": None})
-    object.__setattr__(studio, "settings", open_to_nobody)
+    open_to_nobody = app.settings.model_copy(update={"metrics_token": None})
+    object.__setattr__(app, "settings", open_to_nobody)
     for headers in ({}, {"Authorization": "Bearer "}, {"Authorization": "Bearer None"}):
         assert client.get("/metrics", headers=headers).status_code == 404
 
@@ -156,7 +156,7 @@ def test_a_process_goes_on_measuring_when_its_folder_has_gone(tmp_path: Path) ->
     """As workers do that finish what is under way, after the process that made it was killed."""
     code = """
 import os, shutil
-from app.services.measurements import SHARED_DIR, Measurements
+from app.services.runtime.metrics import SHARED_DIR, Measurements
 measurements = Measurements()
 shutil.rmtree(os.environ[SHARED_DIR])
 measurements.step_asked(ahead=True)
@@ -225,12 +225,12 @@ def test_a_line_names_the_whole_pattern_of_its_route(client: Api, lines: io.Stri
 
 
 def test_machines_that_ask_all_day_leave_no_lines_until_something_is_wrong(
-    client: Api, studio: Studio, lines: io.StringIO
+    client: Api, app: AppContext, lines: io.StringIO
 ) -> None:
     client.get("/healthz")
     client.get("/readyz")
     assert read(lines) == []
-    studio.settings.media_dir.rmdir()
+    app.settings.media_dir.rmdir()
     client.get("/readyz")
     assert [(line["route"], line["status"]) for line in read(lines)] == [("/readyz", 503)]
 
@@ -239,7 +239,7 @@ def test_what_other_code_logs_is_json_too_with_its_traceback(lines: io.StringIO)
     try:
         raise ValueError("a fault")
     except ValueError:
-        logging.getLogger("app.services.retention").exception("the sweep failed")
+        logging.getLogger("app.services.maintenance.retention").exception("the sweep failed")
     (line,) = read(lines)
     assert (line["message"], line["level"]) == ("the sweep failed", "error")
     assert "ValueError: a fault" in line["exception"]

@@ -14,14 +14,15 @@ import pandas as pd
 import pytest
 from fastapi import FastAPI
 
-from app.services import accounts, quality
-from app.services.accounts import Role
-from app.services.findings.across import FINDINGS
-from app.services.quality import Evidence, Flag, flags_of
-from app.services.studies import StudyInfo
-from app.services.studio import Studio
-from app.services.watching.stamp import stamp
-from app.web.live import LOOKS_BETWEEN_SIGNS_OF_LIFE, changes
+from app.services.accounts import accounts
+from app.services.accounts.accounts import Role
+from app.services.context import AppContext
+from app.services.monitoring import data_quality
+from app.services.monitoring.change_token import stamp
+from app.services.monitoring.data_quality import Evidence, Flag, flags_of
+from app.services.results.registry import FINDINGS
+from app.services.studies.repository import StudyInfo
+from app.web.http.server_sent_events import LOOKS_BETWEEN_SIGNS_OF_LIFE, changes
 from tests.conftest import SHORT_PLAN, Clock, StudyShelf
 from tests.databases import Databases
 
@@ -44,7 +45,7 @@ _MADE: list[tuple[Any, datetime]] = []
 @pytest.fixture
 def watched(
     client: Api,
-    studio: Studio,
+    app: AppContext,
     study_shelf: StudyShelf,
     clock: Clock,
     databases: Databases,
@@ -52,16 +53,16 @@ def watched(
     """A study that two have completed, one has left, one is in, and one declined."""
     if _MADE:
         kept, clock.time = _MADE[0]
-        databases.put_into(studio.settings.url, kept)
+        databases.put_into(app.settings.url, kept)
     else:
-        study_shelf.put_into(studio, WATCHED_PLAN)
-        accounts.create(studio, "ada@lab.example", "correct horse battery")
+        study_shelf.put_into(app, WATCHED_PLAN)
+        accounts.create(app, "ada@lab.example", "correct horse battery")
         for _ in range(2):
             client.start().to_the_end(by_turns("left", "right", "skip", "left"), clock.forward)
         client.start().to_first_query().call("withdraw")
         client.start().call("withdraw")
         client.start().to_first_query().respond("left", rt_ms=900.0)
-        _MADE.append((databases.keep(studio.settings.url), clock.time))
+        _MADE.append((databases.keep(app.settings.url), clock.time))
     assert sign_in(client).status_code == 303
     return client
 
@@ -129,11 +130,11 @@ def test_the_median_time_gives_the_pay_per_hour(watched: Api) -> None:
     assert f">{6 * 60 / minutes:.2f}<small> EUR" in page.text
 
 
-def test_a_condition_that_is_switched_off_says_so(watched: Api, studio: Studio) -> None:
-    from app.storage.tables import Study
+def test_a_condition_that_is_switched_off_says_so(watched: Api, app: AppContext) -> None:
+    from app.storage.models.studies import Study
 
-    with studio.database.write() as session:
-        study = session.query(Study).one()
+    with app.database.write() as db:
+        study = db.query(Study).one()
         study.conditions_off = ["no-skip"]
     shown = table(watched.get("/studies/short"), "conditions")
     assert [name for name in shown["Condition"] if name.endswith("Off")] == ["no-skip Off"]
@@ -146,10 +147,10 @@ def test_the_part_that_changes_is_the_part_of_the_page(watched: Api) -> None:
 
 
 def test_an_answer_changes_the_stamp_and_nothing_leaves_it_as_it_is(
-    client: Api, studio: Studio, short_study: StudyInfo, clock: Clock, api_token: str
+    client: Api, app: AppContext, short_study: StudyInfo, clock: Clock, api_token: str
 ) -> None:
     def now() -> str:
-        return stamp(studio, short_study.id, ("live",), short_study.plan.lease_minutes)
+        return stamp(app, short_study.id, ("live",), short_study.plan.lease_minutes)
 
     seen = [now()]
     session = client.start()
@@ -200,7 +201,7 @@ def test_the_stream_is_one_of_events_that_nobody_keeps(
 ) -> None:
     looks = iter([False])
     application.state.stopping = lambda: next(looks, True)
-    monkeypatch.setattr("app.web.live.SECONDS_BETWEEN_LOOKS", 0.0)
+    monkeypatch.setattr("app.web.http.server_sent_events.SECONDS_BETWEEN_LOOKS", 0.0)
     answer = watched.get("/studies/short/events", headers={"Last-Event-ID": "before"})
     assert answer.headers["content-type"].startswith("text/event-stream")
     assert answer.headers["cache-control"] == "no-store"
@@ -363,16 +364,16 @@ PAGES = (
 
 @pytest.mark.parametrize("page", PAGES)
 def test_who_may_not_see_the_data_sees_nothing_of_it(
-    watched: Api, studio: Studio, page: str
+    watched: Api, app: AppContext, page: str
 ) -> None:
     session = exported(watched, "sessions")["session_id"].iloc[0]
     path = f"/studies/short{page.format(session=session)}"
-    accounts.create(studio, MEMBER, "another good password", role=Role.EXPERIMENTER)
+    accounts.create(app, MEMBER, "another good password", role=Role.EXPERIMENTER)
     watched.cookies.clear()
     assert watched.get(path).headers["location"].startswith("/sign-in")
     assert sign_in(watched, MEMBER, "another good password").status_code == 303
     assert watched.get(path).status_code == 404
-    accounts.create(studio, "rita@lab.example", "a third good password", role=Role.REVIEWER)
+    accounts.create(app, "rita@lab.example", "a third good password", role=Role.REVIEWER)
     watched.cookies.clear()
     assert sign_in(watched, "rita@lab.example", "a third good password").status_code == 303
     answer = watched.get(path)
@@ -381,15 +382,15 @@ def test_who_may_not_see_the_data_sees_nothing_of_it(
 
 
 def test_a_session_of_another_study_is_not_found_in_this_one(
-    watched: Api, studio: Studio, clock: Clock
+    watched: Api, app: AppContext, clock: Clock
 ) -> None:
-    from app.storage.tables import SessionRow, Study
+    from app.storage.models.studies import SessionRow, Study
 
-    with studio.database.write() as session:
+    with app.database.write() as db:
         other = Study(slug="other", status="draft", created_at=clock.now(), conditions_off=[])
-        session.add(other)
-        session.flush()
-        row = session.query(SessionRow).first()
+        db.add(other)
+        db.flush()
+        row = db.query(SessionRow).first()
         assert row is not None
         row.study_id, name = other.id, row.public_id
     assert watched.get(f"/studies/short/sessions/{name}").status_code == 404
@@ -420,7 +421,7 @@ def test_a_flag_is_raised_at_its_threshold_and_not_below(
 
 
 def test_flags_are_the_same_on_the_page_and_in_the_export(
-    watched: Api, studio: Studio, clock: Clock
+    watched: Api, app: AppContext, clock: Clock
 ) -> None:
     session = watched.start()
     while session.state["stage"] != "completed":
@@ -433,5 +434,5 @@ def test_flags_are_the_same_on_the_page_and_in_the_export(
     newest = sessions.index[-1]
     assert sessions["flags"].loc[newest] == "fast; one-sided; failed-checks; unwatched"
     shown = table(watched.get("/studies/short"), "sessions").set_index("Session")["Noticed"]
-    labels = [quality.LABELS[Flag(name)] for name in sessions["flags"].loc[newest].split("; ")]
+    labels = [data_quality.LABELS[Flag(name)] for name in sessions["flags"].loc[newest].split("; ")]
     assert shown.loc[newest] == " ".join(labels)

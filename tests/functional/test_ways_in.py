@@ -6,11 +6,11 @@ from collections.abc import Callable
 
 import pytest
 
-from app.services import account_list, accounts, credentials, invitations
-from app.services.accounts import Role
-from app.services.errors import ForbiddenError, InvitationError, SignInRequiredError
-from app.services.studies import StudyInfo
-from app.services.studio import Studio
+from app.services.accounts import accounts, administration, invitations, own_account
+from app.services.accounts.accounts import Role
+from app.services.context import AppContext
+from app.services.runtime.errors import ForbiddenError, InvitationError, SignInRequiredError
+from app.services.studies.repository import StudyInfo
 
 from .client import Api
 from .conftest import EMAIL, PASSWORD
@@ -23,12 +23,12 @@ TABLE = "/api/v1/studies/short/export/queries.csv"
 class Held:
     """All that lets its holder in as Bob: a cookie, an API token, and a reset link."""
 
-    def __init__(self, client: Api, studio: Studio) -> None:
-        self.bob = accounts.create(studio, BOB, PASSWORD, Role.ADMIN)
-        self.client, self.studio = client, studio
-        self.cookie = accounts.sign_in(studio, BOB, PASSWORD)
-        self.token = accounts.create_api_token(studio, self.bob, "made by a burglar")
-        self.link = invitations.reset(studio, BOB, EMAIL)
+    def __init__(self, client: Api, app: AppContext) -> None:
+        self.bob = accounts.create(app, BOB, PASSWORD, Role.ADMIN)
+        self.client, self.app = client, app
+        self.cookie = accounts.sign_in(app, BOB, PASSWORD)
+        self.token = accounts.create_api_token(app, self.bob, "made by a burglar")
+        self.link = invitations.reset(app, BOB, EMAIL)
 
     def works(self) -> dict[str, bool]:
         self.client.cookies.clear()
@@ -44,8 +44,8 @@ class Held:
 
 
 @pytest.fixture
-def held(client: Api, studio: Studio, short_study: StudyInfo, api_token: str) -> Held:
-    found = Held(client, studio)
+def held(client: Api, app: AppContext, short_study: StudyInfo, api_token: str) -> Held:
+    found = Held(client, app)
     assert found.works() == {"cookie": True, "token": True, "link": True}
     return found
 
@@ -70,46 +70,46 @@ def test_a_used_reset_link_ends_everything(held: Held) -> None:
     assert held.works() == NOTHING
 
 
-ENDINGS: dict[str, Callable[[Studio], None]] = {
-    "reset by an operator": lambda studio: accounts.set_password(studio, BOB, NEW_PASSWORD),
-    "disabled": lambda studio: account_list.disable(studio, BOB, EMAIL),
-    "another role": lambda studio: account_list.change_role(studio, BOB, Role.EXPERIMENTER, EMAIL),
+ENDINGS: dict[str, Callable[[AppContext], None]] = {
+    "reset by an operator": lambda app: accounts.set_password(app, BOB, NEW_PASSWORD),
+    "disabled": lambda app: administration.disable(app, BOB, EMAIL),
+    "another role": lambda app: administration.change_role(app, BOB, Role.EXPERIMENTER, EMAIL),
 }
 
 
 @pytest.mark.parametrize("how", ENDINGS)
 def test_whatever_changes_an_account_ends_the_ways_into_it(held: Held, how: str) -> None:
-    ENDINGS[how](held.studio)
+    ENDINGS[how](held.app)
     assert held.works() == NOTHING
-    account_list.enable(held.studio, BOB, EMAIL)
+    administration.enable(held.app, BOB, EMAIL)
     assert held.works() == NOTHING
 
 
 def test_enabling_revives_no_token_that_an_earlier_version_left(held: Held) -> None:
-    account_list.disable(held.studio, BOB, EMAIL)
-    token = accounts.create_api_token(held.studio, held.bob, "left")
-    account_list.enable(held.studio, BOB, EMAIL)
+    administration.disable(held.app, BOB, EMAIL)
+    token = accounts.create_api_token(held.app, held.bob, "left")
+    administration.enable(held.app, BOB, EMAIL)
     with pytest.raises(SignInRequiredError):
-        accounts.by_api_token(held.studio, token)
+        accounts.by_api_token(held.app, token)
 
 
 def test_a_reset_link_made_before_an_own_change_is_worth_nothing(
-    client: Api, studio: Studio, short_study: StudyInfo, api_token: str
+    client: Api, app: AppContext, short_study: StudyInfo, api_token: str
 ) -> None:
     assert sign_in(client).status_code == 303
-    accounts.create(studio, BOB, PASSWORD)
+    accounts.create(app, BOB, PASSWORD)
     link = link_in(send(client, "/accounts/reset", email=BOB))
-    bob = accounts.by_sign_in(studio, accounts.sign_in(studio, BOB, PASSWORD))
-    credentials.change_password(studio, bob, PASSWORD, NEW_PASSWORD)
+    bob = accounts.by_sign_in(app, accounts.sign_in(app, BOB, PASSWORD))
+    own_account.change_password(app, bob, PASSWORD, NEW_PASSWORD)
     assert client.get(link).status_code == 410
     with pytest.raises(InvitationError):
-        invitations.accept(studio, link.rsplit("/", 1)[1], PASSWORD)
+        invitations.accept(app, link.rsplit("/", 1)[1], PASSWORD)
 
 
 def test_other_accounts_keep_what_they_have(held: Held) -> None:
-    token = accounts.create_api_token(held.studio, accounts.find(held.studio, EMAIL), "hers")
-    account_list.disable(held.studio, BOB, EMAIL)
-    assert accounts.by_api_token(held.studio, token).email == EMAIL
+    token = accounts.create_api_token(held.app, accounts.find(held.app, EMAIL), "hers")
+    administration.disable(held.app, BOB, EMAIL)
+    assert accounts.by_api_token(held.app, token).email == EMAIL
 
 
 def test_a_password_that_is_reset_while_it_is_looked_at_lets_nobody_in(
@@ -120,20 +120,20 @@ def test_a_password_that_is_reset_while_it_is_looked_at_lets_nobody_in(
     def slowly(account: object, password: str) -> bool:
         is_right = looked_at(account, password)  # type: ignore[arg-type]
         if is_right:
-            accounts.set_password(held.studio, BOB, NEW_PASSWORD)
+            accounts.set_password(held.app, BOB, NEW_PASSWORD)
         return is_right
 
     monkeypatch.setattr(accounts, "is_password_of", slowly)
     with pytest.raises(SignInRequiredError):
-        accounts.sign_in(held.studio, BOB, PASSWORD)
-    accounts.set_password(held.studio, BOB, PASSWORD)
-    caller = accounts.find(held.studio, BOB)
+        accounts.sign_in(held.app, BOB, PASSWORD)
+    accounts.set_password(held.app, BOB, PASSWORD)
+    caller = accounts.find(held.app, BOB)
     with pytest.raises(ForbiddenError, match="changed meanwhile"):
-        credentials.change_password(held.studio, caller, PASSWORD, "what a burglar wants")
+        own_account.change_password(held.app, caller, PASSWORD, "what a burglar wants")
 
 
 def test_an_ended_sign_in_makes_no_token(held: Held) -> None:
-    bob = accounts.by_sign_in(held.studio, held.cookie)
-    accounts.set_password(held.studio, BOB, NEW_PASSWORD)
+    bob = accounts.by_sign_in(held.app, held.cookie)
+    accounts.set_password(held.app, BOB, NEW_PASSWORD)
     with pytest.raises(SignInRequiredError):
-        accounts.create_api_token(held.studio, bob, "too late")
+        accounts.create_api_token(held.app, bob, "too late")

@@ -8,10 +8,10 @@ from pathlib import Path
 import httpx
 import pytest
 
-from app.services import studies
-from app.services.studies import StudyInfo
-from app.services.studio import Studio
-from app.web.languages import own_name, preferred
+from app.services.context import AppContext
+from app.services.studies import repository
+from app.services.studies.repository import StudyInfo
+from app.web.http.languages import own_name, preferred
 from tests.conftest import SHORT_PLAN, write_study
 
 from .client import Api
@@ -29,7 +29,7 @@ TWO_LANGUAGES = (
 
 
 @pytest.fixture
-def welcoming_study(studio: Studio, tmp_path: Path) -> StudyInfo:
+def welcoming_study(app: AppContext, tmp_path: Path) -> StudyInfo:
     """An open study in two languages with a welcome in both."""
     folder = write_study(tmp_path / "study", TWO_LANGUAGES)
     (folder / "texts" / "en" / "welcome.md").write_text("How nice that you came.\n")
@@ -37,8 +37,8 @@ def welcoming_study(studio: Studio, tmp_path: Path) -> StudyInfo:
     for text in (folder / "texts" / "en").iterdir():
         japanese = f"日本語の{text.stem}。\n"
         (folder / "texts" / "ja" / text.name).write_text(japanese, encoding="utf-8")
-    studies.create(studio, studies.load_folder(str(folder)))
-    return studies.open_study(studio, "short")
+    repository.create(app, repository.load_folder(str(folder)))
+    return repository.open_study(app, "short")
 
 
 def language_of(page: httpx.Response) -> str:

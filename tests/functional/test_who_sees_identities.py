@@ -9,10 +9,13 @@ from pathlib import Path
 
 import pytest
 
-from app.services import accounts, export, studies
-from app.services.accounts import Scope
-from app.services.settings import Settings
-from app.services.studio import Studio, open_studio
+from app.services import export
+from app.services.accounts import accounts
+from app.services.accounts.accounts import Scope
+from app.services.bootstrap import open_app
+from app.services.context import AppContext
+from app.services.runtime.settings import Settings
+from app.services.studies import repository
 from tests.conftest import FROM_PROLIFIC, Idle
 
 from .client import Api
@@ -25,11 +28,11 @@ EXPORTS = "/api/v1/studies/short"
     ("scope", "identities"), [(Scope.READ, 403), (Scope.IDENTITIES, 200), (Scope.WRITE, 200)]
 )
 def test_a_token_that_may_read_sees_no_identities(
-    client: Api, studio: Studio, recruit: Recruit, scope: Scope, identities: int
+    client: Api, app: AppContext, recruit: Recruit, scope: Scope, identities: int
 ) -> None:
     recruit(FROM_PROLIFIC)
-    account = accounts.create(studio, EMAIL, PASSWORD)
-    token = accounts.create_api_token(studio, account, "tests", scope)
+    account = accounts.create(app, EMAIL, PASSWORD)
+    token = accounts.create_api_token(app, account, "tests", scope)
     headers = {"Authorization": f"Bearer {token}"}
     client.start(external_ids={"PROLIFIC_PID": "5f0c1ada"})
     asked = client.get(f"{EXPORTS}/export/identities.csv", headers=headers)
@@ -55,28 +58,28 @@ def mode(path: Path) -> int:
 
 
 def test_exports_are_for_their_owner_whatever_the_umask_says(
-    studio: Studio, recruit: Recruit, tmp_path: Path, open_umask: None
+    app: AppContext, recruit: Recruit, tmp_path: Path, open_umask: None
 ) -> None:
     recruit(FROM_PROLIFIC)
     there = tmp_path / "there"
     there.mkdir(mode=0o755)
-    request = export.Request(studies.find(studio, "short"))
+    request = export.Request(repository.find(app, "short"))
     files = list(export.find("psych-ds").files(request))
     for folder in (tmp_path / "new" / "folder", there):
-        written = export.write_folder(studio, EMAIL, request, "psych-ds", files, folder)
+        written = export.write_folder(app, EMAIL, request, "psych-ds", files, folder)
         assert {mode(path) for path in written} == {0o600}
         assert mode(folder / "data") == 0o700
     assert mode(tmp_path / "new") == 0o700
     # One that was there already is its maker's.
     assert mode(there) == 0o755
-    again = export.write_folder(studio, EMAIL, request, "psych-ds", files, there)
+    again = export.write_folder(app, EMAIL, request, "psych-ds", files, there)
     assert {mode(path) for path in again} == {0o600}
 
 
 @pytest.mark.sqlite
 def test_the_databases_file_is_for_its_owner(tmp_path: Path, open_umask: None) -> None:
     settings = Settings(data_dir=tmp_path / "data", media_dir=tmp_path / "media")
-    open_studio(settings, background=Idle(1)).close()
+    open_app(settings, background=Idle(1)).close()
     made = {path.name: mode(path) for path in settings.data_dir.iterdir() if path.is_file()}
     assert made
     assert set(made.values()) == {0o600}

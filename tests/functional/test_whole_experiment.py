@@ -11,9 +11,9 @@ from pathlib import Path
 
 import pytest
 
-from app.services import studies
-from app.services.studio import Studio
-from app.storage.tables import SessionRow
+from app.services.context import AppContext
+from app.services.studies import repository
+from app.storage.models.studies import SessionRow
 from app.study.assignment import plan_orders, trial_conditions
 from app.study.folder import resolve
 from app.study.plan import Plan
@@ -27,7 +27,7 @@ VIDEOS = 4
 
 
 @pytest.fixture
-def plan(studio: Studio, tmp_path: Path) -> Plan:
+def plan(app: AppContext, tmp_path: Path) -> Plan:
     """The shipped plan, opened, with everything in it made short."""
     folder = tmp_path / "study"
     shutil.copytree(resolve(SLUG), folder)
@@ -39,30 +39,30 @@ def plan(studio: Studio, tmp_path: Path) -> Plan:
         assert whole in said
         said = said.replace(whole, part)
     (folder / "study.yaml").write_text(said, encoding="utf-8")
-    studies.create(studio, studies.load_folder(str(folder)))
-    studies.open_study(studio, SLUG)
-    return studies.find(studio, SLUG).plan
+    repository.create(app, repository.load_folder(str(folder)))
+    repository.open_study(app, SLUG)
+    return repository.find(app, SLUG).plan
 
 
-def passed(session: Session, clock: Clock) -> list[tuple[str, int, int]]:
+def passed(db: Session, clock: Clock) -> list[tuple[str, int, int]]:
     """Go all the way: each stage with the trial and the query that the page says."""
     stages: list[tuple[str, int, int]] = []
-    while (stage := session.state["stage"]) != "completed":
-        at = session.state["progress"]
+    while (stage := db.state["stage"]) != "completed":
+        at = db.state["progress"]
         stages.append((stage, at["trial"], at["query"]))
         if stage == "familiarisation":
             # Not before all were watched.
-            assert session.go_on().status_code == 409
+            assert db.go_on().status_code == 409
             for index in range(VIDEOS):
-                assert session.call("watched", {"index": index}).status_code == 200
+                assert db.call("watched", {"index": index}).status_code == 200
         if stage == "break":
-            assert session.go_on().status_code == 409
-        assert session.step("left", clock.forward).status_code == 200
+            assert db.go_on().status_code == 409
+        assert db.step("left", clock.forward).status_code == 200
     return stages
 
 
 def test_a_session_of_both_kinds_of_waste_three_ways_and_three_trials_of_each(
-    client: Api, studio: Studio, plan: Plan, clock: Clock
+    client: Api, app: AppContext, plan: Plan, clock: Clock
 ) -> None:
     session = client.start(SLUG)
     stages = passed(session, clock)
@@ -83,12 +83,12 @@ def test_a_session_of_both_kinds_of_waste_three_ways_and_three_trials_of_each(
 
 
 def test_twelve_people_go_through_twelve_balanced_orders(
-    client: Api, studio: Studio, plan: Plan, clock: Clock
+    client: Api, app: AppContext, plan: Plan, clock: Clock
 ) -> None:
     for _ in range(12):
         client.start(SLUG)
-    with studio.database.read() as session:
-        rows = session.query(SessionRow).all()
+    with app.database.read() as db:
+        rows = db.query(SessionRow).all()
         orders = [(row.order_index, tuple(row.trial_conditions)) for row in rows]
     assert Counter(index for index, _ in orders) == dict.fromkeys(range(12), 1)
     for index, conditions in orders:

@@ -6,10 +6,10 @@ import re
 
 import pytest
 
-from app.services import readiness
-from app.services.background import Background
-from app.services.studies import StudyInfo
-from app.services.studio import Studio
+from app.services.background.interface import Background
+from app.services.context import AppContext
+from app.services.monitoring import health
+from app.services.studies.repository import StudyInfo
 from tests.conftest import NoRendering
 
 from .client import Api, Session
@@ -20,52 +20,52 @@ def background() -> Background:
     return NoRendering(1)
 
 
-def prefetch(studio: Studio, session: Session) -> list[str]:
+def prefetch(app: AppContext, db: Session) -> list[str]:
     """The addresses to load ahead, once all possible responses have been worked out."""
-    studio.background.in_thread("after all that", lambda: None).result(timeout=60)
-    return list(session.look()["query"]["prefetch"])
+    app.background.in_thread("after all that", lambda: None).result(timeout=60)
+    return list(db.look()["query"]["prefetch"])
 
 
 @pytest.mark.parametrize("response", ["left", "right"])
 def test_the_videos_of_the_next_query_are_named_before_the_response(
-    client: Api, studio: Studio, learning_study: StudyInfo, response: str
+    client: Api, app: AppContext, learning_study: StudyInfo, response: str
 ) -> None:
     session = client.start().to_first_query()
     for _ in range(4):
-        urls = prefetch(studio, session)
+        urls = prefetch(app, session)
         session.respond(response)
         query = session.state["query"]
         assert {query["left"]["url"], query["right"]["url"]} <= set(urls)
 
 
 def test_a_query_that_the_model_chooses_depends_on_the_response(
-    client: Api, studio: Studio, learning_study: StudyInfo
+    client: Api, app: AppContext, learning_study: StudyInfo
 ) -> None:
     session = client.start().to_first_query()
-    assert len(prefetch(studio, session)) == 2
+    assert len(prefetch(app, session)) == 2
     named = []
     for _ in range(3):
         session.respond("left")
-        named.append(len(prefetch(studio, session)))
+        named.append(len(prefetch(app, session)))
     assert max(named) > 2
 
 
 def test_no_response_of_a_trial_waits_for_a_fit(
-    client: Api, studio: Studio, learning_study: StudyInfo
+    client: Api, app: AppContext, learning_study: StudyInfo
 ) -> None:
     session = client.start().to_first_query()
     while session.state["stage"] == "query":
-        prefetch(studio, session)
+        prefetch(app, session)
         session.respond("left")
-    said = readiness.metrics(studio).decode()
+    said = health.metrics(app).decode()
     asked = dict(re.findall(r'pbpo_steps_asked_total\{worked_out="(.*?)"\} (.*)', said))
     assert asked == {"ahead": "5.0", "at once": "0.0"}
 
 
 def test_nothing_is_loaded_ahead_of_the_last_query(
-    client: Api, studio: Studio, short_study: StudyInfo
+    client: Api, app: AppContext, short_study: StudyInfo
 ) -> None:
     session = client.start().to_first_query()
     for _ in range(3):
         session.respond("left")
-    assert prefetch(studio, session) == []
+    assert prefetch(app, session) == []

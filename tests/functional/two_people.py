@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from app.services import accounts, studies
-from app.services.studies import StudyInfo
-from app.services.studio import Studio
+from app.services.accounts import accounts
+from app.services.context import AppContext
+from app.services.studies import repository
+from app.services.studies.repository import StudyInfo
 from tests.conftest import FROM_PROLIFIC, Clock, StudyShelf
 from tests.databases import Databases
 
@@ -27,14 +28,14 @@ class TwoPeople:
     second_token: str = ""
 
     def put_into(
-        self, studio: Studio, client: Api, databases: Databases, shelf: StudyShelf, clock: Clock
+        self, app: AppContext, client: Api, databases: Databases, shelf: StudyShelf, clock: Clock
     ) -> StudyInfo:
         if self.kept:
-            databases.put_into(studio.settings.url, self.kept)
+            databases.put_into(app.settings.url, self.kept)
         else:
-            shelf.put_into(studio, LEARNING_PLAN + FROM_PROLIFIC)
-            account = accounts.create(studio, EMAIL, PASSWORD)
-            self.api_token = accounts.create_api_token(studio, account, "tests")
+            shelf.put_into(app, LEARNING_PLAN + FROM_PROLIFIC)
+            account = accounts.create(app, EMAIL, PASSWORD)
+            self.api_token = accounts.create_api_token(app, account, "tests")
             first = client.start(external_ids={"PROLIFIC_PID": "first"}).to_first_query()
             assert first.respond("left", rt_ms=1000, replays=2).status_code == 200
             first.to_the_end(by_turns("skip", "left", "right", "skip", "left"), clock.forward)
@@ -43,5 +44,5 @@ class TwoPeople:
             for response in ("right", "left", "left"):
                 assert second.respond(response, rt_ms=4000, replays=1).status_code == 200
             self.second_token = second.token
-            self.kept = databases.keep(studio.settings.url)
-        return studies.find(studio, "short")
+            self.kept = databases.keep(app.settings.url)
+        return repository.find(app, "short")

@@ -7,8 +7,8 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from app.services.settings import Settings
-from app.services.worker_tasks import Pulse
+from app.services.maintenance.worker_tasks import HeartbeatConfig
+from app.services.runtime.settings import Settings
 
 from .started import Started
 
@@ -16,11 +16,11 @@ from .started import Started
 PATIENCE_S = 120
 
 #: A real worker is given up after 8 s: tests have no time for that.
-QUICK = Pulse(beat_s=0.2, gone_after_s=1.5, job_lost_after_s=1.5)
+QUICK = HeartbeatConfig(beat_s=0.2, gone_after_s=1.5, job_lost_after_s=1.5)
 
 _CODE = """
-from app.services.settings import Settings
-from app.services.worker_tasks import Pulse
+from app.services.runtime.settings import Settings
+from app.services.maintenance.worker_tasks import Pulse
 from app.worker import work
 if __name__ == "__main__":
     work(Settings({named}), 1, lambda: print("ready", flush=True), pulse={pulse})

@@ -9,7 +9,7 @@ from typing import Any, Final
 
 from hypothesis import strategies as st
 
-from app.web.body_limit import limit_of
+from app.web.http.body_limit import limit_of
 
 JSON: Final = "application/json"
 FORM: Final = "application/x-www-form-urlencoded"

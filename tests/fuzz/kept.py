@@ -9,10 +9,10 @@ from collections.abc import Iterable, Iterator
 
 from sqlalchemy import delete, func, select
 
-from app.services import replay as replaying
-from app.services.studio import Studio
-from app.storage.arrivals import Tombstone
-from app.storage.tables import Base, Participant
+from app.services.context import AppContext
+from app.services.sessions import replay as replaying
+from app.storage.models.arrivals import Tombstone
+from app.storage.models.studies import Base, Participant
 from tests.functional.test_leaving import OF_THE_STUDY
 
 from .person import COURSE, Person, Pressed
@@ -24,18 +24,18 @@ _TABLES_OF_PEOPLE = [
 ]
 
 
-def delete_all_people(studio: Studio) -> None:
+def delete_all_people(app: AppContext) -> None:
     """As before anybody came."""
-    with studio.database.write() as session:
-        session.execute(delete(Participant))
-        session.execute(delete(Tombstone))
+    with app.database.write() as db:
+        db.execute(delete(Participant))
+        db.execute(delete(Tombstone))
 
 
-def compare(studio: Studio, seats: Seats) -> None:
+def compare(app: AppContext, seats: Seats) -> None:
     """Exports and tables say what the people did; then all have it deleted, and nothing is left."""
     people = seats.people
     tokens = [person.session.token for person in people]
-    assert not _found(studio, [one.name for one in people if one.ended == "deleted"] + tokens)
+    assert not _found(app, [one.name for one in people if one.ended == "deleted"] + tokens)
 
     stays = {person.name: person for person in people if person.ended != "deleted"}
     exported = _Exported(seats.world, stays)
@@ -54,14 +54,14 @@ def compare(studio: Studio, seats: Seats) -> None:
     assert len(exported.table("events")) == sum(person.events for person in stays.values())
     assert sorted(row["stage"] for row in exported.table("deletions")) == sorted(seats.deleted_at)
 
-    for trial in replaying.replay(studio, "short"):
+    for trial in replaying.replay(app, "short"):
         assert not trial.differences, trial
 
     for person in stays.values():
         answer = person.session.call("withdraw", {"delete": True})
         assert answer.status_code == 200, answer.text
-    assert not _found(studio, [person.name for person in people])
-    assert _rows_of_people(studio) == {"tombstones": len(people)}
+    assert not _found(app, [person.name for person in people])
+    assert _rows_of_people(app) == {"tombstones": len(people)}
 
 
 def _standing(name: str, person: Person) -> Iterator[tuple[str, ...]]:
@@ -108,23 +108,23 @@ class _Exported:
         )
 
 
-def _found(studio: Studio, secrets: Iterable[str]) -> list[str]:
+def _found(app: AppContext, secrets: Iterable[str]) -> list[str]:
     """Those of these texts that stand anywhere in the database."""
-    with studio.database.read() as session:
+    with app.database.read() as db:
         cells = [
             cell
             for table in _TABLES_OF_PEOPLE
-            for row in session.execute(select(table))
+            for row in db.execute(select(table))
             for cell in row
             if isinstance(cell, str)
         ]
     return [secret for secret in secrets if any(secret in cell for cell in cells)]
 
 
-def _rows_of_people(studio: Studio) -> dict[str, int]:
-    with studio.database.read() as session:
+def _rows_of_people(app: AppContext) -> dict[str, int]:
+    with app.database.read() as db:
         counted = {
-            table.name: session.scalar(select(func.count()).select_from(table)) or 0
+            table.name: db.scalar(select(func.count()).select_from(table)) or 0
             for table in _TABLES_OF_PEOPLE
         }
     return {name: number for name, number in counted.items() if number}

@@ -42,15 +42,15 @@ class Passage(RuleBasedStateMachine):
     @initialize(ahead=st.tuples(Ahead, Ahead), response=Choice)
     def begin(self, ahead: tuple[int, int], response: str) -> None:
         self.clock.time = STARTED
-        self.studio = self.world.restart()
-        delete_all_people(self.studio)
+        self.app = self.world.restart()
+        delete_all_people(self.app)
         self.seats.here += [self.seats.arrive(), self.seats.arrive()]
         for who, steps in enumerate(ahead):
             self.do_what_is_asked(who, steps, response)
 
     def teardown(self) -> None:
         if self.seats.here:
-            compare(self.studio, self.seats)
+            compare(self.app, self.seats)
 
     @invariant()
     def they_are_where_they_should_be(self) -> None:
@@ -295,4 +295,4 @@ class Passage(RuleBasedStateMachine):
 
     @rule()
     def the_server_starts_again(self) -> None:
-        self.studio = self.world.restart()
+        self.app = self.world.restart()

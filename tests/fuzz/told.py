@@ -9,7 +9,7 @@ from typing import Any
 
 import httpx
 
-from app.services.studio import Studio
+from app.services.context import AppContext
 from tests.conftest import Clock
 from tests.functional.client import Api
 
@@ -23,7 +23,7 @@ class World:
     client: Api
     clock: Clock
     api_token: str
-    restart: Callable[[], Studio]
+    restart: Callable[[], AppContext]
 
 
 class Seats:

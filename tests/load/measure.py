@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 import psutil
 
-from app.services.settings import Settings
+from app.services.runtime.settings import Settings
 from tests.browser.server import Server
 from tests.databases import PostgresServer
 

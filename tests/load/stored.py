@@ -9,11 +9,12 @@ from pathlib import Path
 
 from sqlalchemy import func, select
 
-from app.services import replay
-from app.services.settings import Settings
-from app.services.studio import Studio, open_studio
-from app.services.tokens import secret_hash
-from app.storage.tables import QueryRow, Response, SessionRow, Trial
+from app.services.bootstrap import open_app
+from app.services.context import AppContext
+from app.services.runtime.ids import secret_hash
+from app.services.runtime.settings import Settings
+from app.services.sessions import replay
+from app.storage.models.studies import QueryRow, Response, SessionRow, Trial
 from tests.conftest import Idle
 
 from .crowd import Log
@@ -24,16 +25,16 @@ InHand = Collection[tuple[str, str, str]]
 
 def faults(settings: Settings, slug: str, log: Log, in_hand: InHand) -> list[str]:
     """A sentence for each promise that was not kept; none, if all were."""
-    studio = open_studio(settings, background=Idle(1))
+    app = open_app(settings, background=Idle(1))
     try:
-        return faults_in(studio, slug, log, in_hand)
+        return faults_in(app, slug, log, in_hand)
     finally:
-        studio.close()
+        app.close()
 
 
-def faults_in(studio: Studio, slug: str, log: Log, in_hand: InHand) -> list[str]:
+def faults_in(app: AppContext, slug: str, log: Log, in_hand: InHand) -> list[str]:
     """As `faults`, of a studio that is open."""
-    return [*_responses(studio, log, in_hand), *_asked_twice(studio), *_replayed(studio, slug)]
+    return [*_responses(app, log, in_hand), *_asked_twice(app), *_replayed(app, slug)]
 
 
 def errors_in(log: Path, explained: tuple[str, ...] = ()) -> list[str]:
@@ -58,10 +59,10 @@ def errors_in(log: Path, explained: tuple[str, ...] = ()) -> list[str]:
     return found
 
 
-def _responses(studio: Studio, log: Log, in_hand: InHand) -> list[str]:
+def _responses(app: AppContext, log: Log, in_hand: InHand) -> list[str]:
     stored: dict[str, list[tuple[str, str]]] = defaultdict(list)
-    with studio.database.read() as session:
-        for token, query, response in session.execute(
+    with app.database.read() as db:
+        for token, query, response in db.execute(
             select(SessionRow.token_hash, QueryRow.public_id, Response.response)
             .join(Trial, Trial.session_id == SessionRow.id)
             .join(QueryRow, QueryRow.trial_id == Trial.id)
@@ -83,9 +84,9 @@ def _responses(studio: Studio, log: Log, in_hand: InHand) -> list[str]:
     return found
 
 
-def _asked_twice(studio: Studio) -> list[str]:
-    with studio.database.read() as session:
-        twice = session.execute(
+def _asked_twice(app: AppContext) -> list[str]:
+    with app.database.read() as db:
+        twice = db.execute(
             select(QueryRow.trial_id, QueryRow.query_index)
             .where(QueryRow.set_aside_at.is_(None))
             .group_by(QueryRow.trial_id, QueryRow.query_index)
@@ -94,6 +95,6 @@ def _asked_twice(studio: Studio) -> list[str]:
     return [f"{len(twice)} places of trials have two queries"] if twice else []
 
 
-def _replayed(studio: Studio, slug: str) -> list[str]:
-    differences = sum(len(trial.differences) for trial in replay.replay(studio, slug))
+def _replayed(app: AppContext, slug: str) -> list[str]:
+    differences = sum(len(trial.differences) for trial in replay.replay(app, slug))
     return [f"{differences} queries are not what their history says"] if differences else []

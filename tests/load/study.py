@@ -13,10 +13,10 @@ import yaml
 from app.crane import library
 from app.crane.environments import candidates
 from app.crane.rendering_jobs import render_these
-from app.services import studies
-from app.services.in_process import InProcess
-from app.services.settings import Settings
-from app.services.studio import open_studio
+from app.services.background.local import LocalBackground
+from app.services.bootstrap import open_app
+from app.services.runtime.settings import Settings
+from app.services.studies import repository
 from app.study.folder import resolve
 
 STUDY = "waste-crane"
@@ -47,10 +47,10 @@ def open_shipped(settings: Settings, folder: Path, **differing: Any) -> None:
     plan = source / "study.yaml"
     changed = yaml.safe_load(plan.read_text(encoding="utf-8")) | {"break_s": 0} | differing
     plan.write_text(yaml.safe_dump(changed, allow_unicode=True), encoding="utf-8")
-    studio = open_studio(settings, background=InProcess(1))
-    studies.create(studio, studies.load_folder(str(source)))
-    studies.open_study(studio, STUDY)
-    studio.close()
+    app = open_app(settings, background=LocalBackground(1))
+    repository.create(app, repository.load_folder(str(source)))
+    repository.open_study(app, STUDY)
+    app.close()
 
 
 def _names() -> Iterable[str]:

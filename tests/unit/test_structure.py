@@ -1,4 +1,4 @@
-"""The house holds: every import in `app` points downward."""
+"""Every import in `app` points downward: between rooms, and between the packages of a room."""
 
 from __future__ import annotations
 
@@ -31,6 +31,35 @@ ALLOWED: dict[str, frozenset[str]] = {
     "simulation": GROUND | {"storage", "services", "lab", "web", "main"},
     "commands": GROUND | {"services", "server", "worker", "simulation", "main", "lab"},
     "cli": GROUND | {"services", "commands", "server", "simulation", "main", "lab"},
+}
+#: The packages of each room that has some, lowest first: each may import those before it. A file
+#: beside the packages stands in the list under its own name.
+PACKAGES: dict[str, tuple[str, ...]] = {
+    "services": (
+        "runtime",
+        "server_secret",
+        "background",
+        "recordings",
+        "proposals",
+        "deletion_log",
+        "failure_counter",
+        "platform_keys",
+        "context",
+        "accounts",
+        "jobs",
+        "studies",
+        "drafts",
+        "sessions",
+        "arrival",
+        "monitoring",
+        "export",
+        "results",
+        "reporting",
+        "ethics",
+        "bootstrap",
+        "maintenance",
+    ),
+    "web": ("http", "evaluator", "api", "experimenter"),
 }
 #: The ground rooms know neither the web nor the database.
 FOREIGN_TO_GROUND = {"fastapi", "starlette", "sqlalchemy", "alembic", "jinja2", "uvicorn", "httpx"}
@@ -88,3 +117,56 @@ def test_the_ground_rooms_know_neither_the_web_nor_the_database() -> None:
 def test_no_file_is_named_after_nothing(name: str) -> None:
     paths = [path.relative_to(ROOT).with_suffix("") for _, path in modules()]
     assert [path for path in paths if name in path.parts] == []
+
+
+def package_imports(room: str) -> Iterator[tuple[str, str, str]]:
+    """Where, from which package, and to which other package of the same room."""
+    names = set(PACKAGES[room])
+    for other, path in modules():
+        parts = path.relative_to(ROOT).with_suffix("").parts
+        if other != room or parts[1] == "__init__":
+            continue
+        for line, name in imports(path):
+            target = name.split(".")
+            if target[:2] != ["app", room] or len(target) < 3:
+                continue
+            if target[2] != parts[1] and (target[2] in names or target[2] == parts[1]):
+                yield f"{path.relative_to(ROOT.parent)}:{line}", parts[1], target[2]
+
+
+@pytest.mark.parametrize("room", ["services", "web"])
+def test_every_package_is_in_the_order_of_its_room(room: str) -> None:
+    found = {
+        path.relative_to(ROOT).with_suffix("").parts[1]
+        for other, path in modules()
+        if other == room
+    }
+    assert found - {"__init__"} == set(PACKAGES[room])
+
+
+@pytest.mark.parametrize("room", ["services", "web"])
+def test_no_package_imports_one_above_it(room: str) -> None:
+    order = PACKAGES[room]
+    upward = [
+        f"{where}: {above} imports {below}"
+        for where, above, below in package_imports(room)
+        if order.index(below) > order.index(above)
+    ]
+    assert upward == []
+
+
+def test_no_two_modules_import_each_other() -> None:
+    """Every cycle of imports, of any length, by Kahn's algorithm: what is left over is in one."""
+    files = {
+        ".".join(("app", *path.relative_to(ROOT).with_suffix("").parts)): path
+        for _, path in modules()
+    }
+    targets = {
+        module: {name for _, name in imports(path) if name in files and name != module}
+        for module, path in files.items()
+    }
+    while leaves := {module for module, found in targets.items() if not found}:
+        targets = {
+            module: found - leaves for module, found in targets.items() if module not in leaves
+        }
+    assert targets == {}

@@ -15,7 +15,8 @@ import numpy as np
 from PIL import Image, ImageChops, ImageDraw, ImageFilter
 
 from app.crane.environments import FloatArray
-from app.crane.picture.stage import SUPERSAMPLE, Color
+
+from .stage import SUPERSAMPLE, Color
 
 # Bucket coordinates: px, origin midway between the hinges, y downward.
 LEFT, RIGHT, TOP, FOOT = -84, 84, -34, 88  # the box that holds the claws at any opening

@@ -15,9 +15,10 @@ from PIL import Image, ImageDraw, ImageFilter
 
 from app.crane.dynamics import Run
 from app.crane.environments import FloatArray, environment_named
-from app.crane.picture.bucket import Claws, claws, opening_step
-from app.crane.picture.scraps import Scrap, scrap
-from app.crane.picture.stage import (
+
+from .bucket import Claws, claws, opening_step
+from .scraps import Scrap, scrap
+from .stage import (
     FRAME_RATE_HZ,
     GRAVITY,
     HINGE_Y,

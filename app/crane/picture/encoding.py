@@ -10,7 +10,7 @@ import numpy as np
 from av.video.reformatter import Interpolation, VideoReformatter
 from PIL import Image
 
-from app.crane.picture.stage import FRAME_RATE_HZ, HEIGHT, WIDTH
+from .stage import FRAME_RATE_HZ, HEIGHT, WIDTH
 
 # Near 43 dB at some 0.35 s of CPU. The rate cap and its buffer together bound the file: at most
 # 10 s * 260 kbit/s + 0.9 * 500 kbit = 381 KB. No B-frames: pictures come out in their own order,

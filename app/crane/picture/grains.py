@@ -14,8 +14,9 @@ from PIL import Image, ImageDraw
 
 from app.crane.dynamics import SAMPLE_RATE_HZ, SAMPLES, Run
 from app.crane.environments import FloatArray, environment_named
-from app.crane.picture.bucket import FOOT, LEFT, RIGHT, TOP, Claws, claws, opening_step
-from app.crane.picture.stage import (
+
+from .bucket import FOOT, LEFT, RIGHT, TOP, Claws, claws, opening_step
+from .stage import (
     FRAME_RATE_HZ,
     GRAVITY,
     HEIGHT,

@@ -8,7 +8,8 @@ import numpy as np
 from PIL import Image, ImageDraw
 
 from app.crane.environments import FloatArray
-from app.crane.picture.stage import HEIGHT, SUPERSAMPLE, WALL_FOOT_Y, WIDTH, Color
+
+from .stage import HEIGHT, SUPERSAMPLE, WALL_FOOT_Y, WIDTH, Color
 
 # The grain of the concrete: the same in every video.
 CONCRETE_SEED = 7

@@ -9,7 +9,8 @@ import numpy as np
 from PIL import Image, ImageDraw
 
 from app.crane.environments import FloatArray
-from app.crane.picture.stage import SUPERSAMPLE, Color
+
+from .stage import SUPERSAMPLE, Color
 
 # Each family: the colours of its larger scraps, light to dark. Paper is the commonest.
 FAMILIES: tuple[tuple[Color, Color, Color], ...] = (

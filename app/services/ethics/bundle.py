@@ -14,15 +14,18 @@ from sqlalchemy import select
 
 from app import __version__
 from app.pbbo import ENGINE_VERSION
-from app.services import audit, jobs, room, sharing
-from app.services.accounts import Experimenter
-from app.services.errors import NotFoundError
-from app.services.studies import StudyInfo, stored_plan
-from app.services.studio import Studio
-from app.storage.tables import PlanVersion, Study
-from app.study import texts
+from app.services import jobs
+from app.services.accounts import audit_log
+from app.services.accounts.accounts import Principal
+from app.services.context import AppContext
+from app.services.runtime import disk_quota
+from app.services.runtime.errors import NotFoundError
+from app.services.studies import sharing
+from app.services.studies.repository import StudyInfo, stored_plan
+from app.storage.models.studies import PlanVersion, Study
+from app.study import markdown as study_markdown
 
-from . import bundle_job, fields
+from . import bundle_job, data_inventory
 
 #: The texts of a study in the order in which people read them.
 ORDER = ("welcome", "consent", "instructions", "debrief")
@@ -53,12 +56,12 @@ class Version:
     created_at: datetime
 
 
-def versions(studio: Studio, study: StudyInfo) -> list[Version]:
+def versions(app: AppContext, study: StudyInfo) -> list[Version]:
     """Every version, the first first."""
-    return [Version(row.version, row.plan_hash, row.created_at) for row in _versions(studio, study)]
+    return [Version(row.version, row.plan_hash, row.created_at) for row in _versions(app, study)]
 
 
-def texts_of(studio: Studio, study: StudyInfo) -> list[Text]:
+def texts_of(app: AppContext, study: StudyInfo) -> list[Text]:
     """Every text of every version, in every language."""
     return [
         Text(
@@ -66,24 +69,24 @@ def texts_of(studio: Studio, study: StudyInfo) -> list[Text]:
             language,
             name,
             hashlib.sha256(markdown.encode()).hexdigest(),
-            texts.consent_version(markdown) if name == "consent" else None,
+            study_markdown.consent_version(markdown) if name == "consent" else None,
             markdown,
         )
-        for row in _versions(studio, study)
+        for row in _versions(app, study)
         for language in stored_plan(row).languages
         for name, markdown in sorted(row.texts[language].items(), key=_place)
     ]
 
 
-def documents(studio: Studio, study: StudyInfo) -> dict[str, bytes]:
+def documents(app: AppContext, study: StudyInfo) -> dict[str, bytes]:
     """The files of the bundle but for the screens, by name."""
     found = {
         f"texts/version-{text.plan_version}/{text.language}/{text.name}.md": text.markdown.encode()
-        for text in texts_of(studio, study)
+        for text in texts_of(app, study)
     }
-    found["stored_fields.csv"] = fields.as_csv(fields.fields(study.plan))
+    found["stored_fields.csv"] = data_inventory.as_csv(data_inventory.fields(study.plan))
     found["plan.json"] = _json(study.plan.model_dump(mode="json"))
-    found["versions.json"] = _json(_versions_said(studio, study))
+    found["versions.json"] = _json(_versions_said(app, study))
     return found
 
 
@@ -95,9 +98,9 @@ class Made:
     made_at: datetime
 
 
-def made(studio: Studio, study: StudyInfo) -> Made | None:
+def made(app: AppContext, study: StudyInfo) -> Made | None:
     """The study's bundle; None if there is none yet."""
-    path = bundle_job.bundle_path(studio.settings, study.id)
+    path = bundle_job.bundle_path(app.settings, study.id)
     try:
         return Made(path, datetime.fromtimestamp(path.stat().st_mtime, UTC))
     except FileNotFoundError:
@@ -105,38 +108,38 @@ def made(studio: Studio, study: StudyInfo) -> Made | None:
 
 
 def ask(
-    studio: Studio, caller: Experimenter, study: StudyInfo, pages: Mapping[str, str]
+    app: AppContext, caller: Principal, study: StudyInfo, pages: Mapping[str, str]
 ) -> jobs.JobInfo:
     """Ask for the study's bundle. pages: HTML of every screen by `LANGUAGE/NAME`."""
-    room.require(studio.settings, bundle_job.folder(studio.settings))
+    disk_quota.require(app.settings, bundle_job.folder(app.settings))
     files = {f"{bundle_job.SCREENS}/{name}.html": html.encode() for name, html in pages.items()}
-    files.update(documents(studio, study))
-    laid = bundle_job.lay_ready(studio.settings, files, caller.account_id)
-    audit.note_alone(studio, caller.email, "ethics bundle asked for", study.slug, files=len(files))
+    files.update(documents(app, study))
+    laid = bundle_job.lay_ready(app.settings, files, caller.account_id)
+    audit_log.note_alone(app, caller.email, "ethics bundle asked for", study.slug, files=len(files))
     return jobs.ask(
-        studio, caller, bundle_job.KIND, {"laid": laid, "study_id": study.id}, study_id=study.id
+        app, caller, bundle_job.KIND, {"laid": laid, "study_id": study.id}, study_id=study.id
     )
 
 
-def under_way(studio: Studio, caller: Experimenter, study: StudyInfo) -> jobs.JobInfo | None:
+def under_way(app: AppContext, caller: Principal, study: StudyInfo) -> jobs.JobInfo | None:
     """The newest job that makes the study's bundle, if it is the caller's; revived if need be."""
-    job = jobs.newest(studio, bundle_job.KIND, study_id=study.id)
+    job = jobs.newest(app, bundle_job.KIND, study_id=study.id)
     try:
-        return None if job is None else jobs.look(studio, caller, job.public_id)
+        return None if job is None else jobs.look(app, caller, job.public_id)
     except NotFoundError:
         return None
 
 
-def sweep(studio: Studio, stop: Callable[[], bool] = lambda: False) -> int:
+def sweep(app: AppContext, stop: Callable[[], bool] = lambda: False) -> int:
     """Remove bundles of studies that are gone, and what was laid ready for a job that never ran."""
-    folder = bundle_job.folder(studio.settings)
-    with studio.database.read() as session:
-        there = {str(study_id) for study_id in session.scalars(select(Study.id))}
+    folder = bundle_job.folder(app.settings)
+    with app.database.read() as db:
+        there = {str(study_id) for study_id in db.scalars(select(Study.id))}
     gone = 0
     for path in sorted(folder.iterdir()) if folder.is_dir() else ():
         if stop():
             break
-        age = studio.now() - datetime.fromtimestamp(path.stat().st_mtime, UTC)
+        age = app.now() - datetime.fromtimestamp(path.stat().st_mtime, UTC)
         if path.is_dir() and age > _LAID_FOR:
             shutil.rmtree(path, ignore_errors=True)
         elif path.suffix == ".zip" and path.stem not in there:
@@ -147,7 +150,7 @@ def sweep(studio: Studio, stop: Callable[[], bool] = lambda: False) -> int:
     return gone
 
 
-def _versions_said(studio: Studio, study: StudyInfo) -> dict[str, object]:
+def _versions_said(app: AppContext, study: StudyInfo) -> dict[str, object]:
     return {
         "study": study.slug,
         "program": f"PBPO Studio {__version__}",
@@ -158,7 +161,7 @@ def _versions_said(studio: Studio, study: StudyInfo) -> dict[str, object]:
                 "plan_hash": version.plan_hash,
                 "made_at": version.created_at.isoformat(timespec="seconds"),
             }
-            for version in versions(studio, study)
+            for version in versions(app, study)
         ],
         "texts": [
             {
@@ -168,21 +171,21 @@ def _versions_said(studio: Studio, study: StudyInfo) -> dict[str, object]:
                 "sha256": text.sha256,
                 "consent_version": text.consent_version,
             }
-            for text in texts_of(studio, study)
+            for text in texts_of(app, study)
         ],
         "who_has_access": [
             {"account": tie.email, "as": "owner" if tie.is_owner else "shared with"}
-            for tie in sharing.ties(studio, study.slug)
+            for tie in sharing.ties(app, study.slug)
         ],
     }
 
 
-def _versions(studio: Studio, study: StudyInfo) -> list[PlanVersion]:
+def _versions(app: AppContext, study: StudyInfo) -> list[PlanVersion]:
     statement = (
         select(PlanVersion).where(PlanVersion.study_id == study.id).order_by(PlanVersion.version)
     )
-    with studio.database.read() as session:
-        return list(session.scalars(statement))
+    with app.database.read() as db:
+        return list(db.scalars(statement))
 
 
 def _place(named: tuple[str, str]) -> tuple[int, str]:

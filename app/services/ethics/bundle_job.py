@@ -13,11 +13,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from app.services import own_files
-from app.services.settings import Settings
-from app.services.work import Report
+from app.services.background.job_function import Report
+from app.services.runtime import private_files
+from app.services.runtime.settings import Settings
 
-from . import pictures
+from . import screenshots
 
 KIND = "ethics"
 #: Pages lie in this folder of the bundle, by language.
@@ -56,7 +56,7 @@ def make_bundle(settings: Settings, request: Mapping[str, Any], report: Report) 
     for number, page in enumerate(pages):
         report(number, len(pages))
         html = page.read_text(encoding="utf-8")
-        picture = pictures.picture_of(settings, html, is_long=pictures.is_long(html))
+        picture = screenshots.picture_of(settings, html, is_long=screenshots.is_long(html))
         if picture is not None:
             page.with_suffix(".png").write_bytes(picture)
             taken += 1
@@ -72,7 +72,7 @@ def _zip(root: Path, files: list[Path], target: Path) -> None:
     """One zip of these files, whole or not at all: the same files give the same bytes."""
     part = target.with_name(f"{target.name}.part")
     with (
-        own_files.written(part) as file,
+        private_files.written(part) as file,
         zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive,
     ):
         for path in files:

@@ -1,10 +1,10 @@
 """A study's data as tidy tables and in other forms, streamed, and noted in the audit trail."""
 
-from .columns import Column, Request, Table
 from .filters import ALL_FLAGS, in_words, modes_of, settled
 from .formats import FORMATS, find
-from .record import ACTIONS, recorded, write_folder
+from .provenance import ACTIONS, recorded, write_folder
 from .stream import File, csv_stream, table_file, zip_stream
+from .table import Column, Request, Table
 from .tables import TABLES, ZIPPED
 
 __all__ = [

@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 from sqlalchemy.orm import Session
 
-from .columns import Request, points
 from .filters import in_words
-from .learnt import LearntTrial, learnt_trials
+from .preference_data import LearntTrial, learnt_trials
 from .stream import File, text_file, zip_within
+from .table import Request, points
 
 _READ_ME = """# {slug} for BoTorch
 
@@ -76,18 +76,18 @@ def files(request: Request) -> Iterator[File]:
     yield File("candidates.json", lambda session: [_candidates_json(session, request)])
 
 
-def _trials_json(session: Session, request: Request) -> Iterator[bytes]:
+def _trials_json(db: Session, request: Request) -> Iterator[bytes]:
     before = "[\n"
-    for trial in learnt_trials(session, request):
+    for trial in learnt_trials(db, request):
         yield f"{before}{_json(asdict(trial))}".encode()
         before = ",\n"
     yield b"\n]\n" if before.startswith(",") else b"[]\n"
 
 
-def _arrays(session: Session, request: Request) -> Iterator[File]:
+def _arrays(db: Session, request: Request) -> Iterator[File]:
     """Each array as the file in which an .npz holds it."""
     width = len(request.study.plan.parameters)
-    for trial in learnt_trials(session, request):
+    for trial in learnt_trials(db, request):
         # With a shape also where there is nothing in it.
         datapoints = np.array(trial.datapoints, dtype=np.float64).reshape(-1, width)
         comparisons = np.array(trial.comparisons, dtype=np.int64).reshape(-1, 2)
@@ -102,8 +102,8 @@ def _array(trial: LearntTrial, name: str, values: Any) -> File:
     return File(path, lambda _session: [packed.getvalue()])
 
 
-def _candidates_json(session: Session, request: Request) -> bytes:
-    by_candidate = points(session, request)
+def _candidates_json(db: Session, request: Request) -> bytes:
+    by_candidate = points(db, request)
     pools: dict[str, list[Any]] = {}
     for environment, index in sorted(by_candidate):
         pools.setdefault(environment, []).append(by_candidate[environment, index])

@@ -7,11 +7,11 @@ from collections.abc import Iterator
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from app.storage.consent_tables import ConsentRow
-from app.storage.tables import Participant, PlanVersion, SessionRow
+from app.storage.models.consents import ConsentRow
+from app.storage.models.studies import Participant, PlanVersion, SessionRow
 from app.study.plan import Plan
 
-from .columns import (
+from .table import (
     PARTICIPANT,
     SESSION,
     STUDY,
@@ -44,7 +44,7 @@ def _columns(_plan: Plan) -> tuple[Column, ...]:
     )
 
 
-def _rows(session: Session, request: Request) -> Iterator[Row]:
+def _rows(db: Session, request: Request) -> Iterator[Row]:
     statement = of_sessions(
         select(
             SessionRow.id,
@@ -62,9 +62,7 @@ def _rows(session: Session, request: Request) -> Iterator[Row]:
         request,
     ).order_by(SessionRow.id, PlanVersion.version)
     before, index = None, 0
-    for key, public_id, language, pseudonym, number, digest, version, at in fetch(
-        session, statement
-    ):
+    for key, public_id, language, pseudonym, number, digest, version, at in fetch(db, statement):
         index = index + 1 if key == before else 0
         before = key
         yield (

@@ -1,17 +1,18 @@
-"""Tables of how far what was answered can be relied on: faults, and what the browser saw."""
+"""The table of what the browser saw of each answered query, summed up from its events."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from itertools import groupby
 
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from app.services.check_outcomes import check_outcomes
-from app.storage.tables import QueryRow, SessionRow, Trial, UndoneResponse
+from app.services.monitoring.watch_summary import summary
+from app.storage.models.studies import Event, QueryRow, Response, SessionRow, Trial
 from app.study.plan import Plan
 
-from .columns import (
+from .table import (
     QUERY,
     SESSION,
     TRIAL,
@@ -19,141 +20,76 @@ from .columns import (
     Request,
     Row,
     Table,
+    at_trials_of,
     boolean,
     fetch,
     integer,
-    moment,
     number,
     of_trials,
-    recording_names,
-    text,
-    trials_of,
 )
 
+#: A session's key in the database, a trial's index, a query's index.
+Place = tuple[int, int, int]
 
-def _faults_columns(_plan: Plan) -> tuple[Column, ...]:
+
+def _columns(_plan: Plan) -> tuple[Column, ...]:
     return (
         SESSION,
         TRIAL,
         QUERY,
-        integer("attempt", "Number of the attempt at this query, from 0."),
-        text("trial_type", "What kind of query it was; see queries.csv."),
-        integer("left_candidate", "Index of the candidate on the left."),
-        integer("right_candidate", "Index of the candidate on the right."),
-        text("left_recording", "Recording on the left; see recordings.csv."),
-        text("right_recording", "Recording on the right; see recordings.csv."),
-        moment("shown_at", "When the server first sent it."),
-        moment("set_aside_at", "When the fault was reported and another query took its place."),
-        text("fault", "What the browser saw of the fault."),
+        integer("replays", "How often both videos were played again."),
+        number("left_watched", "Part of the left video that was played at least once, 0 to 1."),
+        number("right_watched", "Part of the right video that was played at least once, 0 to 1."),
+        integer("dropped_frames", "Frames that the browser dropped, of both videos."),
+        integer("stalls", "How often a video halted because it had not arrived."),
+        number("start_skew_ms", "How far apart the two first began to move.", "ms"),
+        number("worst_drift_ms", "How far apart the two were at most while they played.", "ms"),
+        number("left_width_px", "Width of the left video on the page.", "px"),
+        number("right_width_px", "Width of the right video on the page.", "px"),
+        boolean("hidden", "Whether the page was hidden at some time, as by another tab."),
+        boolean("blurred", "Whether the window lost the focus at some time."),
+        boolean("fullscreen", "Whether the pair was enlarged at some time."),
     )
 
 
-def _faults_rows(session: Session, request: Request) -> Iterator[Row]:
-    names = recording_names(session, request)
-    statement = of_trials(
-        select(SessionRow.public_id, Trial.trial_index, QueryRow)
+def _rows(db: Session, request: Request) -> Iterator[Row]:
+    seen = _events_by_place(db, request)
+    at, events = next(seen, (None, ()))
+    answered = of_trials(
+        select(SessionRow.id, SessionRow.public_id, Trial.trial_index, QueryRow.query_index)
         .join(Trial, QueryRow.trial_id == Trial.id)
         .join(SessionRow, Trial.session_id == SessionRow.id)
-        .where(QueryRow.set_aside_at.is_not(None)),
+        .join(Response, Response.query_id == QueryRow.id),
         request,
-    ).order_by(SessionRow.id, Trial.trial_index, QueryRow.query_index, QueryRow.attempt)
-    for public_id, trial_index, query in fetch(session, statement):
-        yield (
-            public_id,
-            trial_index,
-            query.query_index,
-            query.attempt,
-            query.trial_type,
-            query.left_candidate,
-            query.right_candidate,
-            names[query.left_recording_id],
-            names[query.right_recording_id],
-            query.shown_at,
-            query.set_aside_at,
-            query.fault,
-        )
+    ).order_by(SessionRow.id, Trial.trial_index, QueryRow.query_index)
+    for session_id, public_id, trial_index, query_index in fetch(db, answered):
+        place = (session_id, trial_index, query_index)
+        # Both come in the same order: one walk through each.
+        while at is not None and at < place:
+            at, events = next(seen, (None, ()))
+        yield (public_id, trial_index, query_index, *summary(events if at == place else ()))
 
 
-FAULTS = Table(
-    "faults",
-    "Queries set aside because a video did not play: never answered, never learnt from.",
-    _faults_columns,
-    _faults_rows,
-)
-
-
-def _checks_columns(_plan: Plan) -> tuple[Column, ...]:
-    return (
-        SESSION,
-        TRIAL,
-        QUERY,
-        text("check", "repeat or attention."),
-        integer("repeats_query_index", "For a repeat: the query that is shown again."),
-        text("expected", "The response that agrees: with the earlier one, or with what is known."),
-        text("response", "left, right, skip, or empty while the query is open."),
-        boolean("passed", "Whether the response is the one expected."),
+def _events_by_place(
+    db: Session, request: Request
+) -> Iterator[tuple[Place | None, Sequence[Event]]]:
+    statement = (
+        select(SessionRow.id, Event)
+        .join(SessionRow, Event.session_id == SessionRow.id)
+        .where(*at_trials_of(request, Event.session_id, Event.trial_index))
+        .order_by(SessionRow.id, Event.trial_index, Event.query_index, Event.id)
     )
 
+    def place(row: tuple[int, Event]) -> Place:
+        return row[0], row[1].trial_index, row[1].query_index
 
-def _checks_rows(session: Session, request: Request) -> Iterator[Row]:
-    for outcome in check_outcomes(session, *trials_of(request)):
-        yield (
-            outcome.session_id,
-            outcome.trial_index,
-            outcome.query_index,
-            outcome.kind,
-            outcome.repeats,
-            outcome.expected,
-            outcome.response,
-            outcome.passed,
-        )
+    for at, rows in groupby(fetch(db, statement), key=place):
+        yield at, [event for _, event in rows]
 
 
-CHECKS = Table(
-    "checks",
-    "Repeats and attention checks, and whether they were passed.",
-    _checks_columns,
-    _checks_rows,
-)
-
-
-def _undone_columns(_plan: Plan) -> tuple[Column, ...]:
-    return (
-        SESSION,
-        TRIAL,
-        QUERY,
-        text("response", "What was pressed: left, right, skip."),
-        text("skip_reason", "Reason given for a skip, where the study asks for one."),
-        number("rt", "Time from both videos having begun to play to the response.", "ms"),
-        moment("answered_at", "When the server stored the response."),
-        moment("undone_at", "When it was taken back."),
-    )
-
-
-def _undone_rows(session: Session, request: Request) -> Iterator[Row]:
-    statement = of_trials(
-        select(SessionRow.public_id, Trial.trial_index, QueryRow.query_index, UndoneResponse)
-        .join(QueryRow, UndoneResponse.query_id == QueryRow.id)
-        .join(Trial, QueryRow.trial_id == Trial.id)
-        .join(SessionRow, Trial.session_id == SessionRow.id),
-        request,
-    ).order_by(SessionRow.id, Trial.trial_index, QueryRow.query_index, UndoneResponse.id)
-    for public_id, trial_index, query_index, undone in fetch(session, statement):
-        yield (
-            public_id,
-            trial_index,
-            query_index,
-            undone.response,
-            undone.skip_reason,
-            undone.rt_ms,
-            undone.answered_at,
-            undone.undone_at,
-        )
-
-
-UNDONE = Table(
-    "undone",
-    "Responses that were taken back at once: kept for the record, never learnt from.",
-    _undone_columns,
-    _undone_rows,
+PLAYBACK = Table(
+    "evidence",
+    "How each answered query was watched: playback, size, focus.",
+    _columns,
+    _rows,
 )

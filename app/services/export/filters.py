@@ -7,13 +7,13 @@ from dataclasses import replace
 
 from sqlalchemy.orm import Session
 
-from app.services import quality
-from app.services.errors import ConflictError
-from app.services.modes import ALL, LIVE
-from app.services.quality import Flag
-from app.services.studio import Studio
+from app.services.context import AppContext
+from app.services.monitoring import data_quality
+from app.services.monitoring.data_quality import Flag
+from app.services.runtime.errors import ConflictError
+from app.services.studies.session_modes import ALL, LIVE
 
-from .columns import Request
+from .table import Request
 
 #: Every flag: what "leave flagged sessions out" stands for.
 ALL_FLAGS = tuple(Flag)
@@ -26,7 +26,7 @@ def modes_of(chosen: Sequence[str] | None) -> tuple[str, ...]:
     return ALL if "all" in chosen else tuple(dict.fromkeys(chosen))
 
 
-def settled(studio: Studio, request: Request) -> Request:
+def settled(app: AppContext, request: Request) -> Request:
     """The request with the sessions that its flags leave out.
 
     Raises ConflictError for a condition that the study does not have, and days out of order.
@@ -41,12 +41,12 @@ def settled(studio: Studio, request: Request) -> Request:
         )
     if not request.without:
         return request
-    with studio.database.read() as session:
-        return replace(request, left_out=_flagged(session, request))
+    with app.database.read() as db:
+        return replace(request, left_out=_flagged(db, request))
 
 
-def _flagged(session: Session, request: Request) -> tuple[int, ...]:
-    found = quality.flags(session, request.study.id, request.modes)
+def _flagged(db: Session, request: Request) -> tuple[int, ...]:
+    found = data_quality.flags(db, request.study.id, request.modes)
     unwanted = set(request.without)
     return tuple(sorted(key for key, flags in found.items() if unwanted & set(flags)))
 

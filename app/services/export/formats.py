@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Final
 
-from app.services.errors import ConflictError
+from app.services.runtime.errors import ConflictError
 
 from . import botorch, optuna_storage, psych_ds
-from .columns import Request
 from .stream import File, table_file
+from .table import Request
 from .tables import ZIPPED
 
 

@@ -16,12 +16,12 @@ from typing import Any
 from sqlalchemy import event
 from sqlalchemy.orm import Session
 
-from app.services.errors import ConflictError
+from app.services.runtime.errors import ConflictError
 
-from .columns import Request, points
 from .filters import in_words
-from .learnt import LearntTrial, learnt_trials
+from .preference_data import LearntTrial, learnt_trials
 from .stream import File, text_file
+from .table import Request, points
 
 STORAGE = "optuna.sqlite3"
 _CHUNK = 1 << 16
@@ -65,13 +65,13 @@ def files(request: Request) -> Iterator[File]:
     yield File(STORAGE, lambda session: _storage(session, request))
 
 
-def _storage(session: Session, request: Request) -> Iterator[bytes]:
+def _storage(db: Session, request: Request) -> Iterator[bytes]:
     """Optuna writes a file of its own, which is then read piece by piece."""
     with tempfile.TemporaryDirectory(prefix="pbpo-optuna-") as folder:
         path = Path(folder) / STORAGE
         with _optuna_storage(path) as storage:
-            spans = _spans(points(session, request))
-            for trial in learnt_trials(session, request):
+            spans = _spans(points(db, request))
+            for trial in learnt_trials(db, request):
                 _add(storage, request, trial, spans[trial.environment])
         with path.open("rb") as file:
             while piece := file.read(_CHUNK):

@@ -7,11 +7,11 @@ from collections.abc import Iterator
 from sqlalchemy import and_, func, or_, select
 from sqlalchemy.orm import Session
 
-from app.services import quality
-from app.services.questionnaires import AT_THE_END_INDEX
-from app.services.studies import stored_plan
-from app.storage.arrivals import Tombstone
-from app.storage.tables import (
+from app.services.monitoring import data_quality
+from app.services.sessions.questionnaires import AT_THE_END_INDEX
+from app.services.studies.repository import stored_plan
+from app.storage.models.arrivals import Tombstone
+from app.storage.models.studies import (
     Identity,
     Participant,
     PlanVersion,
@@ -21,9 +21,9 @@ from app.storage.tables import (
 )
 from app.study.plan import Plan
 from app.study.protocol import AFTER_TRIAL, AT_THE_END
-from app.study.stages import PRACTICE_INDEX
+from app.study.stage_settings import PRACTICE_INDEX
 
-from .columns import (
+from .table import (
     MODE,
     PARTICIPANT,
     PLAN_HASH,
@@ -42,7 +42,7 @@ from .columns import (
     text,
 )
 
-_FLAGS = " ".join(f"{flag}: {rule}" for flag, rule in quality.RULES.items())
+_FLAGS = " ".join(f"{flag}: {rule}" for flag, rule in data_quality.RULES.items())
 
 
 def _sessions_columns(_plan: Plan) -> tuple[Column, ...]:
@@ -71,22 +71,22 @@ def _sessions_columns(_plan: Plan) -> tuple[Column, ...]:
     )
 
 
-def _sessions_rows(session: Session, request: Request) -> Iterator[Row]:
+def _sessions_rows(db: Session, request: Request) -> Iterator[Row]:
     finished = (
         select(Trial.session_id, func.count(Trial.ended_at).label("finished"))
         .where(Trial.trial_index != PRACTICE_INDEX)
         .group_by(Trial.session_id)
         .subquery()
     )
-    noticed = quality.flags(session, request.study.id, request.modes)
+    noticed = data_quality.flags(db, request.study.id, request.modes)
     statement = of_sessions(
         select(SessionRow, Participant.pseudonym, finished.c.finished)
         .join(Participant, SessionRow.participant_id == Participant.id)
         .outerjoin(finished, finished.c.session_id == SessionRow.id),
         request,
     ).order_by(SessionRow.id)
-    versions = _versions(session, request)
-    for row, pseudonym, trials_finished in fetch(session, statement):
+    versions = _versions(db, request)
+    for row, pseudonym, trials_finished in fetch(db, statement):
         version = versions[row.plan_id]
         conditions = [condition["name"] for condition in version.plan["conditions"]]
         yield (
@@ -113,9 +113,9 @@ def _sessions_rows(session: Session, request: Request) -> Iterator[Row]:
         )
 
 
-def _versions(session: Session, request: Request) -> dict[int, PlanVersion]:
+def _versions(db: Session, request: Request) -> dict[int, PlanVersion]:
     """The versions of the plan by their keys: read once, since each is long, and not per row."""
-    found = session.scalars(select(PlanVersion).where(PlanVersion.study_id == request.study.id))
+    found = db.scalars(select(PlanVersion).where(PlanVersion.study_id == request.study.id))
     return {version.id: version for version in found}
 
 
@@ -128,7 +128,7 @@ def _participants_columns(_plan: Plan) -> tuple[Column, ...]:
     )
 
 
-def _participants_rows(session: Session, request: Request) -> Iterator[Row]:
+def _participants_rows(db: Session, request: Request) -> Iterator[Row]:
     statement = (
         of_sessions(
             select(Participant.pseudonym, func.count(SessionRow.id), Participant.created_at).join(
@@ -139,7 +139,7 @@ def _participants_rows(session: Session, request: Request) -> Iterator[Row]:
         .group_by(Participant.id, Participant.pseudonym, Participant.created_at)
         .order_by(Participant.id)
     )
-    for pseudonym, number_of_sessions, created_at in fetch(session, statement):
+    for pseudonym, number_of_sessions, created_at in fetch(db, statement):
         yield request.study.slug, pseudonym, number_of_sessions, created_at
 
 
@@ -152,7 +152,7 @@ def _identities_columns(_plan: Plan) -> tuple[Column, ...]:
     )
 
 
-def _identities_rows(session: Session, request: Request) -> Iterator[Row]:
+def _identities_rows(db: Session, request: Request) -> Iterator[Row]:
     wanted = of_sessions(select(SessionRow.participant_id), request)
     statement = (
         select(Participant.pseudonym, Identity.key, Identity.value, Identity.created_at)
@@ -160,7 +160,7 @@ def _identities_rows(session: Session, request: Request) -> Iterator[Row]:
         .where(Participant.id.in_(wanted))
         .order_by(Participant.id, Identity.key)
     )
-    for row in fetch(session, statement):
+    for row in fetch(db, statement):
         yield tuple(row)
 
 
@@ -174,14 +174,14 @@ def _deletions_columns(_plan: Plan) -> tuple[Column, ...]:
     )
 
 
-def _deletions_rows(session: Session, request: Request) -> Iterator[Row]:
+def _deletions_rows(db: Session, request: Request) -> Iterator[Row]:
     statement = (
         select(Tombstone.mode, Tombstone.stage, Tombstone.reason, Tombstone.deleted_at)
         .where(Tombstone.study_id == request.study.id, Tombstone.mode.in_(request.modes))
         # By nothing that would say in which order they came within a day.
         .order_by(Tombstone.deleted_at, Tombstone.mode, Tombstone.stage, Tombstone.reason)
     )
-    for row in fetch(session, statement):
+    for row in fetch(db, statement):
         yield request.study.slug, *row
 
 
@@ -197,7 +197,7 @@ def _questionnaires_columns(_plan: Plan) -> tuple[Column, ...]:
     )
 
 
-def _questionnaires_rows(session: Session, request: Request) -> Iterator[Row]:
+def _questionnaires_rows(db: Session, request: Request) -> Iterator[Row]:
     of = (QuestionnaireAnswer.session_id, QuestionnaireAnswer.trial_index)
     statement = (
         select(SessionRow.public_id, Participant.pseudonym, SessionRow.plan_id, QuestionnaireAnswer)
@@ -211,8 +211,8 @@ def _questionnaires_rows(session: Session, request: Request) -> Iterator[Row]:
         )
         .order_by(SessionRow.id, QuestionnaireAnswer.id)
     )
-    versions = _versions(session, request)
-    for session_id, pseudonym, plan_id, row in fetch(session, statement):
+    versions = _versions(db, request)
+    for session_id, pseudonym, plan_id, row in fetch(db, statement):
         at_the_end = row.trial_index == AT_THE_END_INDEX
         asked = stored_plan(versions[plan_id]).items(AT_THE_END if at_the_end else AFTER_TRIAL)
         types = {item.name: item.type for item in asked}

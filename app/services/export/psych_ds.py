@@ -11,10 +11,10 @@ import re
 from collections.abc import Iterator
 from typing import Any
 
-from .columns import Column, Request
 from .filters import in_words
 from .relative_times import without_clock_times
 from .stream import File, table_file, text_file
+from .table import Column, Request
 from .tables import DATA_DICTIONARY, ZIPPED, dictionary_of
 
 _TABLES = [without_clock_times(table) for table in ZIPPED if table is not DATA_DICTIONARY]

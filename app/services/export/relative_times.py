@@ -13,11 +13,11 @@ from datetime import datetime
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from app.storage.tables import SessionRow
+from app.storage.models.studies import SessionRow
 from app.study.plan import Plan
 
 from .cells import Value
-from .columns import SESSION, Column, Request, Row, Table, fetch, number, of_sessions, text
+from .table import SESSION, Column, Request, Row, Table, fetch, number, of_sessions, text
 
 _TIME = "datetime"
 #: From which seconds are counted, and what belongs to no session: of these the day is told.
@@ -30,15 +30,15 @@ def without_clock_times(table: Table) -> Table:
     def columns(plan: Plan) -> tuple[Column, ...]:
         return tuple(_column(column) for column in table.columns(plan))
 
-    def rows(session: Session, request: Request) -> Iterator[Row]:
+    def rows(db: Session, request: Request) -> Iterator[Row]:
         before = table.columns(request.study.plan)
         if all(column.type != _TIME for column in before):
-            yield from table.rows(session, request)
+            yield from table.rows(db, request)
             return
         names = [column.name for column in before]
         at = names.index(SESSION.name) if SESSION.name in names else None
-        begun = _beginnings(session, request) if at is not None else {}
-        for row in table.rows(session, request):
+        begun = _beginnings(db, request) if at is not None else {}
+        for row in table.rows(db, request):
             start = begun[str(row[at])] if at is not None else None
             yield tuple(
                 _told(column, value, start) for column, value in zip(before, row, strict=True)
@@ -65,6 +65,6 @@ def _told(column: Column, value: Value, start: datetime | None) -> Value:
     return round((value - start).total_seconds(), 3)
 
 
-def _beginnings(session: Session, request: Request) -> dict[str, datetime]:
+def _beginnings(db: Session, request: Request) -> dict[str, datetime]:
     statement = of_sessions(select(SessionRow.public_id, SessionRow.started_at), request)
-    return {row.public_id: row.started_at for row in fetch(session, statement)}
+    return {row.public_id: row.started_at for row in fetch(db, statement)}

@@ -11,10 +11,10 @@ from itertools import islice
 
 from sqlalchemy.orm import Session
 
-from app.services.studio import Studio
+from app.services.context import AppContext
 
 from .cells import Value, cell
-from .columns import Request, Table
+from .table import Request, Table
 
 #: Rows written before a piece is handed on: some 50 to 100 KB.
 _ROWS_PER_PIECE = 500
@@ -40,19 +40,19 @@ def text_file(path: str, text: str) -> File:
     return File(path, lambda _session: [text.encode("utf-8")])
 
 
-def csv_stream(studio: Studio, table: Table, request: Request) -> Iterator[bytes]:
+def csv_stream(app: AppContext, table: Table, request: Request) -> Iterator[bytes]:
     """The table as CSV: UTF-8, one header row, `\\n` at the end of each line."""
-    with studio.database.read() as session:
-        yield from _csv(session, table, request)
+    with app.database.read() as db:
+        yield from _csv(db, table, request)
 
 
-def zip_stream(studio: Studio, files: Iterable[File]) -> Iterator[bytes]:
+def zip_stream(app: AppContext, files: Iterable[File]) -> Iterator[bytes]:
     """One zip with these files, of one moment. The same files give the same bytes."""
-    with studio.database.read() as session:
-        yield from zip_within(session, files)
+    with app.database.read() as db:
+        yield from zip_within(db, files)
 
 
-def zip_within(session: Session, files: Iterable[File]) -> Iterator[bytes]:
+def zip_within(db: Session, files: Iterable[File]) -> Iterator[bytes]:
     """As `zip_stream`, within a transaction."""
     sink = _Sink()
     with zipfile.ZipFile(sink, "w", zipfile.ZIP_DEFLATED) as archive:
@@ -61,16 +61,16 @@ def zip_within(session: Session, files: Iterable[File]) -> Iterator[bytes]:
             entry.compress_type = zipfile.ZIP_DEFLATED
             entry.external_attr = 0o644 << 16
             with archive.open(entry, "w", force_zip64=True) as packed:
-                for piece in file.pieces(session):
+                for piece in file.pieces(db):
                     packed.write(piece)
                     yield sink.take()
     yield sink.take()
 
 
-def _csv(session: Session, table: Table, request: Request) -> Iterator[bytes]:
+def _csv(db: Session, table: Table, request: Request) -> Iterator[bytes]:
     header: list[Value] = [column.name for column in table.columns(request.study.plan)]
     yield _lines([header])
-    rows = iter(table.rows(session, request))
+    rows = iter(table.rows(db, request))
     while piece := list(islice(rows, _ROWS_PER_PIECE)):
         yield _lines(piece)
 

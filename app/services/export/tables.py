@@ -8,13 +8,13 @@ from sqlalchemy.orm import Session
 
 from app.study.plan import Plan
 
-from .answers import ACQUIRED, EVENTS, PREFERENCES, QUERIES
-from .columns import Column, Request, Row, Table, text
 from .consents import CONSENTS
-from .evidence import CHECKS, FAULTS, UNDONE
+from .evidence import PLAYBACK
+from .faults_checks import CHECKS, FAULTS, UNDONE
 from .people import DELETIONS, IDENTITIES, PARTICIPANTS, QUESTIONNAIRES, SESSIONS
-from .playback import PLAYBACK
-from .stimuli import RECORDINGS
+from .queries import ACQUIRED, EVENTS, PREFERENCES, QUERIES
+from .recordings import RECORDINGS
+from .table import Column, Request, Row, Table, text
 
 
 def _dictionary_columns(_plan: Plan) -> tuple[Column, ...]:

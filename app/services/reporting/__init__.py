@@ -5,7 +5,7 @@
 
 from .as_html import POLICY, html
 from .as_pdf import pdf
-from .blocks import Report
 from .describe import describe
+from .document import Report
 
 __all__ = ["POLICY", "Report", "describe", "html", "pdf"]

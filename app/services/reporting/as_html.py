@@ -6,7 +6,7 @@ import base64
 from collections.abc import Iterator
 from html import escape
 
-from .blocks import Block, Figure, Heading, Paragraph, Report, Table
+from .document import Block, Figure, Heading, Paragraph, Report, Table
 
 _STYLE = """
 :root { color-scheme: light; }

@@ -15,7 +15,7 @@ from PIL import Image
 from app.figures import png
 from app.figures.files import PNG_SCALE
 
-from .blocks import Block, Figure, Report
+from .document import Block, Figure, Report
 
 #: What an A4 page has between its margins.
 _WIDEST_PT = 470

@@ -6,40 +6,38 @@ import hashlib
 
 from sqlalchemy import func, select
 
-from app.services import declining
-from app.services import results as watched
-from app.services.export.columns import Request, sessions_of
+from app.services.arrival import decline_counter
+from app.services.context import AppContext
 from app.services.export.filters import in_words
 from app.services.export.stream import csv_stream
+from app.services.export.table import Request, sessions_of
 from app.services.export.tables import TABLES
-from app.services.studio import Studio
-from app.storage.tables import SessionRow
+from app.services.monitoring import session_list as watched
+from app.storage.models.studies import SessionRow
 
-from .blocks import Block, Heading, Report, Table
 from .design import design
-from .flow import answers_of, count, flow, let_through
-from .outcome import results
+from .document import Block, Heading, Report, Table
+from .participant_flow import answers_of, count, flow, let_through
 from .reliability import reliability
+from .results_section import results
 from .versions import versions
 
 
-def describe(studio: Studio, request: Request) -> Report:
+def describe(app: AppContext, request: Request) -> Report:
     """The sessions that are asked for, reported. It says nothing of when it was made: the same
     data gives the same report."""
     study = request.study
     digest = hashlib.sha256()
-    for piece in csv_stream(studio, TABLES["queries"], request):
+    for piece in csv_stream(app, TABLES["queries"], request):
         digest.update(piece)
-    everybody = watched.sessions(studio, study, request.modes)
-    deleted = watched.deleted(studio, study.id, request.modes)
-    declined = declining.counted(studio, study.id, request.modes)
-    with studio.database.read() as session:
-        rests_on = answers_of(session, request)
+    everybody = watched.sessions(app, study, request.modes)
+    deleted = watched.deleted(app, study.id, request.modes)
+    declined = decline_counter.counted(app, study.id, request.modes)
+    with app.database.read() as db:
+        rests_on = answers_of(db, request)
         lines = [line for line in everybody if line.session_id in rests_on.sessions]
-        passed = let_through(session, request)
-        last = session.scalar(
-            select(func.max(SessionRow.last_seen_at)).where(*sessions_of(request))
-        )
+        passed = let_through(db, request)
+        last = db.scalar(select(func.max(SessionRow.last_seen_at)).where(*sessions_of(request)))
         facts = [
             ("Study", study.slug),
             ("Status", study.status),
@@ -50,16 +48,16 @@ def describe(studio: Studio, request: Request) -> Report:
         blocks: list[Block] = [
             Heading("Summary"),
             Table("What this report is about", ("Of", "Is"), facts),
-            *design(session, study),
+            *design(db, study),
             *flow(
                 count(everybody, deleted, declined, passed, len(rests_on.sessions)),
                 rests_on,
                 lines,
                 request,
             ),
-            *results(session, request),
-            *reliability(session, request, lines),
-            *versions(session, request, digest.hexdigest()),
+            *results(db, request),
+            *reliability(db, request, lines),
+            *versions(db, request, digest.hexdigest()),
         ]
     title = study.plan.text(study.plan.title, study.plan.default_language)
     return Report(title, f"Report of the study {study.slug}", blocks)

@@ -8,15 +8,15 @@ from collections.abc import Iterator
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
-from app.services.studies import StudyInfo
-from app.storage.tables import Candidate, Recording
+from app.services.studies.repository import StudyInfo
+from app.storage.models.studies import Candidate, Recording
 from app.study.assignment import plan_orders
 from app.study.plan import Plan
 
-from .blocks import Block, Heading, Paragraph, Table, many
+from .document import Block, Heading, Paragraph, Table, many
 
 
-def design(session: Session, study: StudyInfo) -> Iterator[Block]:
+def design(db: Session, study: StudyInfo) -> Iterator[Block]:
     """What a session consists of, the conditions, and what could be shown."""
     plan = study.plan
     yield Heading("Design")
@@ -40,12 +40,12 @@ def design(session: Session, study: StudyInfo) -> Iterator[Block]:
     yield Table(
         "Candidates and recordings",
         ("Environment", "Candidates", "Recordings", "With a score"),
-        list(_space(session, study)),
+        list(_space(db, study)),
     )
     yield Table(
         "Parameters of a candidate",
         ("Parameter", "Meaning", "Unit", "Least", "Largest"),
-        list(_parameters(session, study)),
+        list(_parameters(db, study)),
     )
 
 
@@ -93,7 +93,7 @@ def _course(plan: Plan) -> Iterator[str]:
         yield f"A session is paid with {plan.reward.amount:g} {plan.reward.currency}."
 
 
-def _space(session: Session, study: StudyInfo) -> Iterator[tuple[str, ...]]:
+def _space(db: Session, study: StudyInfo) -> Iterator[tuple[str, ...]]:
     statement = (
         select(
             Candidate.environment,
@@ -106,12 +106,12 @@ def _space(session: Session, study: StudyInfo) -> Iterator[tuple[str, ...]]:
         .group_by(Candidate.environment)
         .order_by(Candidate.environment)
     )
-    for environment, *numbers in session.execute(statement):
+    for environment, *numbers in db.execute(statement):
         yield environment, *map(str, numbers)
 
 
-def _parameters(session: Session, study: StudyInfo) -> Iterator[tuple[str, ...]]:
-    held = session.scalars(select(Candidate.parameters).where(Candidate.study_id == study.id)).all()
+def _parameters(db: Session, study: StudyInfo) -> Iterator[tuple[str, ...]]:
+    held = db.scalars(select(Candidate.parameters).where(Candidate.study_id == study.id)).all()
     plan = study.plan
     for parameter in plan.parameters:
         values = [row[parameter.name] for row in held]

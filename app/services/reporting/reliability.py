@@ -8,18 +8,16 @@ from collections.abc import Iterator, Sequence
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
-from app.services.check_outcomes import check_outcomes
-from app.services.export.columns import Request, trials_of
-from app.services.quality import LABELS, RULES
-from app.services.results import SessionLine
-from app.storage.tables import QueryRow, SessionRow, Trial, UndoneResponse
+from app.services.export.table import Request, trials_of
+from app.services.monitoring.check_outcomes import check_outcomes
+from app.services.monitoring.data_quality import LABELS, RULES
+from app.services.monitoring.session_list import SessionLine
+from app.storage.models.studies import QueryRow, SessionRow, Trial, UndoneResponse
 
-from .blocks import Block, Heading, Paragraph, Table, many
+from .document import Block, Heading, Paragraph, Table, many
 
 
-def reliability(
-    session: Session, request: Request, lines: Sequence[SessionLine]
-) -> Iterator[Block]:
+def reliability(db: Session, request: Request, lines: Sequence[SessionLine]) -> Iterator[Block]:
     """lines: the sessions that are counted."""
     yield Heading("Quality of the data")
     flagged = Counter(flag for line in lines for flag in line.flags)
@@ -31,7 +29,7 @@ def reliability(
     clean = sum(not line.flags for line in lines)
     checks = Counter(
         (outcome.kind, outcome.passed)
-        for outcome in check_outcomes(session, *trials_of(request))
+        for outcome in check_outcomes(db, *trials_of(request))
         if outcome.passed is not None and outcome.trial_index >= 0
     )
     said = [f"{clean} of {many(len(lines), 'session')} with answers have no flag."]
@@ -42,24 +40,24 @@ def reliability(
         if passed + failed:
             said.append(f"Of {passed + failed} {name}, {passed} were passed.")
     said.append(
-        f"{many(_set_aside(session, request), 'pair was', 'pairs were')} set aside because a video"
-        f" did not play, and {many(_undone(session, request), 'answer was', 'answers were')} taken"
+        f"{many(_set_aside(db, request), 'pair was', 'pairs were')} set aside because a video"
+        f" did not play, and {many(_undone(db, request), 'answer was', 'answers were')} taken"
         " back at once."
     )
     yield Paragraph(" ".join(said))
 
 
-def _set_aside(session: Session, request: Request) -> int:
+def _set_aside(db: Session, request: Request) -> int:
     statement = (
         select(func.count(QueryRow.id))
         .join(Trial, QueryRow.trial_id == Trial.id)
         .join(SessionRow, Trial.session_id == SessionRow.id)
         .where(QueryRow.set_aside_at.is_not(None), Trial.trial_index >= 0, *trials_of(request))
     )
-    return session.scalar(statement) or 0
+    return db.scalar(statement) or 0
 
 
-def _undone(session: Session, request: Request) -> int:
+def _undone(db: Session, request: Request) -> int:
     statement = (
         select(func.count(UndoneResponse.id))
         .join(QueryRow, UndoneResponse.query_id == QueryRow.id)
@@ -67,4 +65,4 @@ def _undone(session: Session, request: Request) -> int:
         .join(SessionRow, Trial.session_id == SessionRow.id)
         .where(Trial.trial_index >= 0, *trials_of(request))
     )
-    return session.scalar(statement) or 0
+    return db.scalar(statement) or 0

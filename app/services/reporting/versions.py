@@ -11,30 +11,30 @@ from sqlalchemy import and_, func, select
 from sqlalchemy.orm import Session
 
 from app import __version__
-from app.services.export.columns import Request, of_sessions, of_trials
-from app.services.studies import StudyInfo
-from app.storage.consent_tables import ConsentRow
-from app.storage.tables import PlanVersion, QueryRow, Response, SessionRow, Trial
-from app.study.texts import consent_version
+from app.services.export.table import Request, of_sessions, of_trials
+from app.services.studies.repository import StudyInfo
+from app.storage.models.consents import ConsentRow
+from app.storage.models.studies import PlanVersion, QueryRow, Response, SessionRow, Trial
+from app.study.markdown import consent_version
 
-from .blocks import Block, Heading, Paragraph, Table
+from .document import Block, Heading, Paragraph, Table
 
 #: What proposals, statistics and figures rest on.
 LIBRARIES = ("torch", "numpy", "scipy", "sqlalchemy", "altair", "vl-convert-python", "av")
 
 
-def versions(session: Session, request: Request, queries_sha256: str) -> Iterator[Block]:
+def versions(db: Session, request: Request, queries_sha256: str) -> Iterator[Block]:
     """queries_sha256: of queries.csv with the same filter, 64 hex digits."""
     yield Heading("Versions")
     yield Table(
         "Plans that sessions ran under",
         ("Version", "SHA-256 of plan, texts and recordings", "Sessions", "Answers"),
-        list(_plans(session, request)),
+        list(_plans(db, request)),
     )
     yield Table(
         "Engines that chose the queries",
         ("Version of the optimiser", "Queries"),
-        list(_engines(session, request)),
+        list(_engines(db, request)),
     )
     yield Table(
         "Texts of the newest plan",
@@ -44,7 +44,7 @@ def versions(session: Session, request: Request, queries_sha256: str) -> Iterato
     yield Table(
         "Consents that were agreed to",
         ("Version", "Sessions", "Answers"),
-        list(_consents(session, request)),
+        list(_consents(db, request)),
     )
     yield Table(
         "Software that made this report",
@@ -63,7 +63,7 @@ def versions(session: Session, request: Request, queries_sha256: str) -> Iterato
     )
 
 
-def _plans(session: Session, request: Request) -> Iterator[tuple[str, ...]]:
+def _plans(db: Session, request: Request) -> Iterator[tuple[str, ...]]:
     """By version: who agreed to it, and what was answered under it."""
     sessions = of_sessions(
         select(ConsentRow.plan_id, func.count(SessionRow.id))
@@ -71,21 +71,21 @@ def _plans(session: Session, request: Request) -> Iterator[tuple[str, ...]]:
         .group_by(ConsentRow.plan_id),
         request,
     )
-    of_plan: dict[int, int] = dict(session.execute(sessions).all())
-    answers = _answers_under(session, request)
+    of_plan: dict[int, int] = dict(db.execute(sessions).all())
+    answers = _answers_under(db, request)
     statement = (
         select(PlanVersion.id, PlanVersion.version, PlanVersion.plan_hash)
         .where(PlanVersion.study_id == request.study.id)
         .order_by(PlanVersion.version)
     )
-    for plan_id, number, digest in session.execute(statement):
+    for plan_id, number, digest in db.execute(statement):
         if plan_id in of_plan or plan_id in answers:
             yield str(number), digest, str(of_plan.get(plan_id, 0)), str(answers.get(plan_id, 0))
     if None in answers:
         yield "unknown", "", "", str(answers[None])
 
 
-def _answers_under(session: Session, request: Request) -> dict[int | None, int]:
+def _answers_under(db: Session, request: Request) -> dict[int | None, int]:
     statement = of_trials(
         select(Response.plan_id, func.count(Response.id))
         .join(QueryRow, Response.query_id == QueryRow.id)
@@ -95,10 +95,10 @@ def _answers_under(session: Session, request: Request) -> dict[int | None, int]:
         .group_by(Response.plan_id),
         request,
     )
-    return dict(session.execute(statement).all())
+    return dict(db.execute(statement).all())
 
 
-def _engines(session: Session, request: Request) -> Iterator[tuple[str, ...]]:
+def _engines(db: Session, request: Request) -> Iterator[tuple[str, ...]]:
     statement = of_trials(
         select(QueryRow.engine_version, func.count(QueryRow.id))
         .join(Trial, QueryRow.trial_id == Trial.id)
@@ -108,7 +108,7 @@ def _engines(session: Session, request: Request) -> Iterator[tuple[str, ...]]:
         .order_by(QueryRow.engine_version),
         request,
     )
-    for engine, count in session.execute(statement):
+    for engine, count in db.execute(statement):
         yield engine, str(count)
 
 
@@ -120,7 +120,7 @@ def _texts(study: StudyInfo) -> Iterator[tuple[str, ...]]:
             yield language, name, consent_version(text) if name == "consent" else digest
 
 
-def _consents(session: Session, request: Request) -> Iterator[tuple[str, ...]]:
+def _consents(db: Session, request: Request) -> Iterator[tuple[str, ...]]:
     """By version of the text: sessions whose person agreed to it, and answers given under it."""
     statement = of_sessions(
         select(ConsentRow.consent_version, func.count(SessionRow.id.distinct()))
@@ -142,6 +142,6 @@ def _consents(session: Session, request: Request) -> Iterator[tuple[str, ...]]:
         .group_by(ConsentRow.consent_version),
         request,
     )
-    answers: dict[str, int] = dict(session.execute(given).all())
-    for agreed, count in session.execute(statement):
+    answers: dict[str, int] = dict(db.execute(given).all())
+    for agreed, count in db.execute(statement):
         yield agreed, str(count), str(answers.get(agreed, 0))

@@ -30,7 +30,7 @@ from app.figures import (
     violins,
 )
 from app.figures.curves import BAND_STANDARD_ERRORS
-from app.figures.looks import COLOURS, INK, LABELS, PAPER, colour_scale
+from app.figures.theme import COLOURS, INK, LABELS, PAPER, colour_scale
 from app.figures.violins import HALF_WIDTH, outline
 
 METHODS = ("pbpo", "knockout")

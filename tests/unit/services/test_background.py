@@ -14,17 +14,17 @@ from pathlib import Path
 
 import pytest
 
-from app.services.in_process import InProcess
+from app.services.background.local import LocalBackground
 
 
 @pytest.fixture
-def background() -> Iterator[InProcess]:
-    background = InProcess(1)
+def background() -> Iterator[LocalBackground]:
+    background = LocalBackground(1)
     yield background
     background.close()
 
 
-def test_the_same_work_asked_for_twice_is_done_once(background: InProcess) -> None:
+def test_the_same_work_asked_for_twice_is_done_once(background: LocalBackground) -> None:
     let_go, done = threading.Event(), []
 
     def work() -> None:
@@ -41,7 +41,7 @@ def test_the_same_work_asked_for_twice_is_done_once(background: InProcess) -> No
 
 
 def test_work_that_fails_tells_who_waits_and_the_log_and_stops_nothing(
-    background: InProcess, caplog: pytest.LogCaptureFixture
+    background: LocalBackground, caplog: pytest.LogCaptureFixture
 ) -> None:
     def fail() -> None:
         raise ValueError("no such thing")
@@ -53,7 +53,7 @@ def test_work_that_fails_tells_who_waits_and_the_log_and_stops_nothing(
 
 
 def test_what_somebody_waits_for_overtakes_what_may_be_needed_later(
-    background: InProcess, tmp_path: Path
+    background: LocalBackground, tmp_path: Path
 ) -> None:
     order = tmp_path / "order"
     first = background.in_process("first", _note, order, "first", 0.3)
@@ -65,7 +65,7 @@ def test_what_somebody_waits_for_overtakes_what_may_be_needed_later(
     assert order.read_text().split() == ["first", "b", "urgent", "a"]
 
 
-def test_a_worker_that_is_killed_is_replaced(background: InProcess) -> None:
+def test_a_worker_that_is_killed_is_replaced(background: LocalBackground) -> None:
     pid = background.in_process("who", os.getpid).result(30)
     assert pid != os.getpid()
     os.kill(pid, signal.SIGKILL)
@@ -82,7 +82,7 @@ def test_a_worker_that_is_killed_is_replaced(background: InProcess) -> None:
 
 
 def test_closing_drops_what_has_not_begun(tmp_path: Path) -> None:
-    background = InProcess(1)
+    background = LocalBackground(1)
     order = tmp_path / "order"
     first = background.in_process("first", _note, order, "first", 0.2)
     dropped = background.in_process("dropped", _note, order, "dropped", 0.0)
@@ -95,7 +95,7 @@ def test_closing_drops_what_has_not_begun(tmp_path: Path) -> None:
 
 OF_A_KILLED_SERVER = """
 import os, sys, time
-from app.services.in_process import InProcess
+from app.services.background.local import InProcess
 if __name__ == "__main__":
     print(InProcess(1).in_process("who", os.getpid).result(), flush=True)
     time.sleep(60)
@@ -117,7 +117,7 @@ def test_workers_leave_when_their_server_is_killed(tmp_path: Path) -> None:
 
 
 def test_jobs_come_one_after_the_other_and_none_twice_at_a_time(
-    background: InProcess, tmp_path: Path
+    background: LocalBackground, tmp_path: Path
 ) -> None:
     notes, died = tmp_path / "notes", list[int]()
     for name in ("first", "first", "second"):
@@ -127,7 +127,7 @@ def test_jobs_come_one_after_the_other_and_none_twice_at_a_time(
     assert died == []
 
 
-def test_a_job_whose_process_is_killed_is_told_of(background: InProcess) -> None:
+def test_a_job_whose_process_is_killed_is_told_of(background: LocalBackground) -> None:
     died: list[int] = []
     background.as_job("killed", _kill_oneself, died=died.append)
     _wait_for(lambda: bool(died))
@@ -135,7 +135,7 @@ def test_a_job_whose_process_is_killed_is_told_of(background: InProcess) -> None
 
 
 def test_the_end_of_the_server_stops_a_job_at_once(tmp_path: Path) -> None:
-    background, died = InProcess(1), list[int]()
+    background, died = LocalBackground(1), list[int]()
     notes = tmp_path / "notes"
     background.as_job("long", _note, notes, "long", 600.0, died=died.append)
     _wait_for(notes.exists)

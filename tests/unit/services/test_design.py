@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from app.services.design import _enough
+from app.services.studies.simulation_results import _enough
 
 
 @pytest.mark.parametrize(

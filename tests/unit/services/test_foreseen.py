@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from app.services import foreseen
-from app.services.foreseen import StepCache
-from app.services.thoughts import History
+from app.services.proposals import step_cache
+from app.services.proposals.computation import History
+from app.services.proposals.step_cache import StepCache
 
 Cache = StepCache[str]
 
@@ -62,7 +62,7 @@ def test_what_is_dropped_may_be_told_again(cache: Cache) -> None:
 
 
 def test_of_many_trials_those_used_last_stay(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(foreseen, "MAX_TRIALS", 2)
+    monkeypatch.setattr(step_cache, "MAX_TRIALS", 2)
     cache = Cache()
     for seed, answers in ((1, 0), (2, 0), (1, 1), (3, 0)):
         cache.advance(seed, answers)
@@ -70,7 +70,7 @@ def test_of_many_trials_those_used_last_stay(monkeypatch: pytest.MonkeyPatch) ->
 
 
 def test_of_many_deleted_trials_the_last_ones_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(foreseen, "MAX_PURGED", 2)
+    monkeypatch.setattr(step_cache, "MAX_PURGED", 2)
     cache = Cache()
     for seed in (1, 2, 3):
         cache.purge(frozenset({seed}))

@@ -8,16 +8,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from app.services import foreseen, thoughts
-from app.services.background import Background
-from app.services.in_process import InProcess
-from app.services.proposals import Clip, Proposer, Space, TrialInHand, work_out
-from app.services.studio import Studio
-from app.services.thoughts import History
+from app.services.background.interface import Background
+from app.services.background.local import LocalBackground
+from app.services.context import AppContext
+from app.services.proposals import computation, step_cache
+from app.services.proposals.computation import History
+from app.services.proposals.proposer import Clip, Proposer, Space, TrialSpec, work_out
 from tests.conftest import SHORT_PLAN, StudyShelf
 
 SETTINGS = {"preset": "paper-env1", "random_queries": 2}
-TRIAL = TrialInHand(
+TRIAL = TrialSpec(
     study_id=1, environment="env1", method="pbpo", settings=SETTINGS, seed=5, queries=4
 )
 
@@ -34,7 +34,7 @@ def space() -> Space:
     return Space(np.linspace(0, 1, 9)[:, None], clips)
 
 
-def answered(space: Space, responses: list[str], trial: TrialInHand = TRIAL) -> History:
+def answered(space: Space, responses: list[str], trial: TrialSpec = TRIAL) -> History:
     history: History = ()
     for response in responses:
         following = work_out(space, trial, history).next
@@ -86,19 +86,19 @@ class Counted:
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.times = 0
-        real = thoughts.think
+        real = computation.compute_step
 
         def counting(*args: object) -> object:
             self.times += 1
             return real(*args)  # type: ignore[arg-type]
 
-        monkeypatch.setattr(thoughts, "think", counting)
+        monkeypatch.setattr(computation, "think", counting)
 
 
 @pytest.fixture
-def proposer(studio: Studio, study_shelf: StudyShelf) -> Proposer:
-    study_shelf.put_into(studio, SHORT_PLAN)
-    return studio.proposer
+def proposer(app: AppContext, study_shelf: StudyShelf) -> Proposer:
+    study_shelf.put_into(app, SHORT_PLAN)
+    return app.proposer
 
 
 def test_a_step_is_worked_out_once(proposer: Proposer, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -110,8 +110,8 @@ def test_a_step_is_worked_out_once(proposer: Proposer, monkeypatch: pytest.Monke
 def test_what_was_worked_out_long_ago_is_forgotten_and_worked_out_alike(
     proposer: Proposer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(foreseen, "MAX_TRIALS", 2)
-    monkeypatch.setattr(proposer, "_steps", foreseen.StepCache())
+    monkeypatch.setattr(step_cache, "MAX_TRIALS", 2)
+    monkeypatch.setattr(proposer, "_steps", step_cache.StepCache())
     first = proposer.step(TRIAL, ())
     for seed in (6, 7):
         proposer.step(replace(TRIAL, seed=seed), ())
@@ -129,19 +129,19 @@ def first_pair(proposer: Proposer) -> tuple[int, int]:
 class TestWorkingAhead:
     @pytest.fixture
     def background(self) -> Background:
-        return InProcess(1)
+        return LocalBackground(1)
 
     def test_each_possible_response_is_worked_out_and_its_videos_begun(
-        self, studio: Studio, study_shelf: StudyShelf
+        self, app: AppContext, study_shelf: StudyShelf
     ) -> None:
-        study_shelf.put_into(studio, SHORT_PLAN)
+        study_shelf.put_into(app, SHORT_PLAN)
         begun: list[Clip] = []
-        proposer = Proposer(studio.database, studio.background, begun.append, studio.measurements)
+        proposer = Proposer(app.database, app.background, begun.append, app.measurements)
         pair = first_pair(proposer)
         assert proposer.possible_queries(TRIAL, (), pair) == []
 
         proposer.precompute(TRIAL, (), pair)
-        studio.background.in_thread("after that", lambda: None).result(30)
+        app.background.in_thread("after that", lambda: None).result(30)
 
         upcoming = proposer.possible_queries(TRIAL, (), pair)
         assert len(upcoming) == 3
@@ -150,32 +150,32 @@ class TestWorkingAhead:
         }
         no_skip = replace(TRIAL, method="pbpo-no-skip", seed=6)
         proposer.precompute(no_skip, (), pair)
-        studio.background.in_thread("after that", lambda: None).result(30)
+        app.background.in_thread("after that", lambda: None).result(30)
         assert len(proposer.possible_queries(no_skip, (), pair)) == 2
         proposer.close()
 
     def test_as_long_as_one_of_them_is_worked_out_none_is_told(
-        self, studio: Studio, study_shelf: StudyShelf
+        self, app: AppContext, study_shelf: StudyShelf
     ) -> None:
-        study_shelf.put_into(studio, SHORT_PLAN)
-        proposer = studio.proposer
+        study_shelf.put_into(app, SHORT_PLAN)
+        proposer = app.proposer
         pair = first_pair(proposer)
         # Answered before anything was worked out, and taken back.
         proposer.step(TRIAL, ((*pair, "left"),))
         assert proposer.possible_queries(TRIAL, (), pair) == []
         proposer.precompute(TRIAL, (), pair)
-        studio.background.in_thread("after that", lambda: None).result(30)
+        app.background.in_thread("after that", lambda: None).result(30)
         assert len(proposer.possible_queries(TRIAL, (), pair)) == 3
 
     def test_what_was_answered_meanwhile_is_worked_out_no_further(
-        self, studio: Studio, study_shelf: StudyShelf
+        self, app: AppContext, study_shelf: StudyShelf
     ) -> None:
-        study_shelf.put_into(studio, SHORT_PLAN)
-        proposer = studio.proposer
+        study_shelf.put_into(app, SHORT_PLAN)
+        proposer = app.proposer
         pair = first_pair(proposer)
         answered = ((*pair, "left"),)
         busy = threading.Event()
-        studio.background.in_thread("busy", busy.wait, 30)
+        app.background.in_thread("busy", busy.wait, 30)
 
         proposer.precompute(TRIAL, (), pair)
         second = proposer.step(TRIAL, answered).next
@@ -183,7 +183,7 @@ class TestWorkingAhead:
         pair_then = (second.left_candidate, second.right_candidate)
         proposer.precompute(TRIAL, answered, pair_then)
         busy.set()
-        studio.background.in_thread("after that", lambda: None).result(30)
+        app.background.in_thread("after that", lambda: None).result(30)
 
         assert proposer.cached_step(TRIAL, ((*pair, "right"),)) is None
         assert len(proposer.possible_queries(TRIAL, answered, pair_then)) == 3

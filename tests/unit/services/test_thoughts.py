@@ -8,7 +8,7 @@ import numpy as np
 import psutil
 import pytest
 
-from app.services.thoughts import Elsewhere, Question, think
+from app.services.proposals.computation import FitProcess, Question, compute_step
 
 QUESTION = Question(
     candidates=np.linspace(0, 1, 9)[:, None],
@@ -21,8 +21,8 @@ QUESTION = Question(
 
 
 @pytest.fixture
-def elsewhere() -> Iterator[Elsewhere]:
-    opened = Elsewhere()
+def elsewhere() -> Iterator[FitProcess]:
+    opened = FitProcess()
     yield opened
     opened.close()
 
@@ -33,15 +33,15 @@ def workers() -> set[psutil.Process]:
 
 
 def test_the_same_is_thought_here_and_elsewhere_also_after_a_killed_process(
-    elsewhere: Elsewhere,
+    elsewhere: FitProcess,
 ) -> None:
-    here = think(QUESTION)
+    here = compute_step(QUESTION)
     before = workers()
     # Whoever cannot wait for a process to start asks first whether it is there.
     assert not elsewhere.is_ready
-    assert elsewhere.think([QUESTION]) == [here]
+    assert elsewhere.compute_step([QUESTION]) == [here]
     assert elsewhere.is_ready
     (process,) = workers() - before
     process.kill()
     process.wait(10)
-    assert elsewhere.think([QUESTION]) == [here]
+    assert elsewhere.compute_step([QUESTION]) == [here]

@@ -4,13 +4,7 @@ from __future__ import annotations
 
 import re
 
-from app.services.tokens import (
-    new_pseudonym,
-    new_public_id,
-    new_secret,
-    new_seed,
-    secret_hash,
-)
+from app.services.runtime.ids import new_pseudonym, new_public_id, new_secret, new_seed, secret_hash
 
 
 def test_names_are_of_the_form_that_others_rely_on() -> None:

@@ -9,9 +9,9 @@ from typing import Any, cast
 
 import pytest
 
+from app.services.recordings.addresses import Shown, VideoAddresses, is_of_session
 from app.services.server_secret import ServerSecret
-from app.services.video_addresses import Shown, VideoAddresses, is_of_session
-from app.storage.tables import SessionRow
+from app.storage.models.studies import SessionRow
 
 
 def addresses(key: bytes = b"k" * 32) -> VideoAddresses:

@@ -11,8 +11,8 @@ from sqlalchemy import select
 from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session
 
-from app.services.studio import Studio
-from app.storage.tables import (
+from app.services.context import AppContext
+from app.storage.models.studies import (
     Acquired,
     Base,
     Candidate,
@@ -124,12 +124,12 @@ def recording(**changes: Any) -> Recording:
 
 
 @pytest.fixture
-def stocked(studio: Studio) -> Studio:
+def stocked(app: AppContext) -> AppContext:
     """A studio with a session at its first query, which is answered."""
-    with studio.database.write() as session:
-        session.add(study())
-        session.flush()
-        session.add(
+    with app.database.write() as db:
+        db.add(study())
+        db.flush()
+        db.add(
             PlanVersion(
                 id=1, study_id=1, version=1, plan_hash="h", plan={}, texts={}, created_at=NOW
             )
@@ -141,14 +141,14 @@ def stocked(studio: Studio) -> Studio:
                 "candidate_index": index,
                 "parameters": {},
             }
-            session.add(Candidate(environment="env1", **place))
-        session.add(Participant(id=1, study_id=1, pseudonym="P-1", created_at=NOW))
-        session.flush()
-        session.add(recording(id=1))
-        session.add(recording(id=2, candidate_id=2, public_id="r2"))
-        session.add(session_row(id=1))
-        session.flush()
-        session.add(
+            db.add(Candidate(environment="env1", **place))
+        db.add(Participant(id=1, study_id=1, pseudonym="P-1", created_at=NOW))
+        db.flush()
+        db.add(recording(id=1))
+        db.add(recording(id=2, candidate_id=2, public_id="r2"))
+        db.add(session_row(id=1))
+        db.flush()
+        db.add(
             Trial(
                 id=1,
                 session_id=1,
@@ -160,13 +160,13 @@ def stocked(studio: Studio) -> Studio:
                 started_at=NOW,
             )
         )
-        session.flush()
-        session.add(query(id=1))
-        session.flush()
-        session.add_all([response(id=1), preference(id=1)])
+        db.flush()
+        db.add(query(id=1))
+        db.flush()
+        db.add_all([response(id=1), preference(id=1)])
         acquired = {"trial_id": 1, "query_index": 0, "candidate": 0}
-        session.add(Acquired(id=1, **acquired))
-    return studio
+        db.add(Acquired(id=1, **acquired))
+    return app
 
 
 #: What each database says: SQLite names columns where a row is there already, and no foreign key.
@@ -207,25 +207,25 @@ REFUSED: list[tuple[str, str, Callable[[], Base]]] = [
     ("on_sqlite", "constraint", "row"), REFUSED, ids=[name for _, name, _ in REFUSED]
 )
 def test_a_row_that_cannot_be_is_refused_by_a_named_constraint(
-    stocked: Studio, on_sqlite: str, constraint: str, row: Callable[[], Base]
+    stocked: AppContext, on_sqlite: str, constraint: str, row: Callable[[], Base]
 ) -> None:
     said = (stocked.database.is_sqlite and on_sqlite) or constraint
     made: Any = row()
     # PostgreSQL would count from one, where a row is already.
     made.id = made.id or 99
-    with pytest.raises(IntegrityError, match=said), stocked.database.write() as session:
-        session.add(made)
+    with pytest.raises(IntegrityError, match=said), stocked.database.write() as db:
+        db.add(made)
 
 
-def test_deleting_a_participant_takes_all_of_theirs_along(stocked: Studio) -> None:
-    with stocked.database.write() as session:
-        session.execute(Participant.__table__.delete())  # type: ignore[attr-defined]
-    with stocked.database.read() as session:
+def test_deleting_a_participant_takes_all_of_theirs_along(stocked: AppContext) -> None:
+    with stocked.database.write() as db:
+        db.execute(Participant.__table__.delete())  # type: ignore[attr-defined]
+    with stocked.database.read() as db:
         for table in (SessionRow, Trial, QueryRow, Response, PreferenceRow, Acquired):
-            assert _count(session, table) == 0, table.__tablename__
-        assert _count(session, Study) == 1
-        assert _count(session, Recording) == 2
+            assert _count(db, table) == 0, table.__tablename__
+        assert _count(db, Study) == 1
+        assert _count(db, Recording) == 2
 
 
-def _count(session: Session, table: type[Base]) -> int:
-    return len(session.execute(select(table)).all())
+def _count(db: Session, table: type[Base]) -> int:
+    return len(db.execute(select(table)).all())

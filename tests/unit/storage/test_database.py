@@ -11,11 +11,11 @@ import pytest
 from sqlalchemy import Connection, Engine, create_engine, event, func, select, text
 from sqlalchemy.exc import DataError
 
-from app.services.studio import Studio
+from app.services.context import AppContext
 from app.storage import database as doors
-from app.storage.commits import CommitLostError
+from app.storage.commit import CommitLostError
 from app.storage.database import Database
-from app.storage.tables import Study
+from app.storage.models.studies import Study
 from app.storage.task_queue import connector_of
 
 
@@ -24,40 +24,40 @@ def study(slug: str) -> Study:
 
 
 def count(database: Database) -> int:
-    with database.read() as session:
-        return session.scalar(select(func.count(Study.id))) or 0
+    with database.read() as db:
+        return db.scalar(select(func.count(Study.id))) or 0
 
 
-def test_a_write_that_fails_leaves_nothing(studio: Studio) -> None:
+def test_a_write_that_fails_leaves_nothing(app: AppContext) -> None:
     def write() -> None:
-        with studio.database.write() as session:
-            session.add(study("a"))
-            session.flush()
+        with app.database.write() as db:
+            db.add(study("a"))
+            db.flush()
             raise RuntimeError("half-way")
 
     with pytest.raises(RuntimeError, match="half-way"):
         write()
-    assert count(studio.database) == 0
+    assert count(app.database) == 0
 
 
-def test_a_reader_sees_what_was_there_when_it_began(studio: Studio) -> None:
+def test_a_reader_sees_what_was_there_when_it_began(app: AppContext) -> None:
     statement = select(func.count(Study.id))
-    with studio.database.read() as reader:
+    with app.database.read() as reader:
         assert reader.scalar(statement) == 0
-        with studio.database.write() as session:
-            session.add(study("a"))
+        with app.database.write() as db:
+            db.add(study("a"))
         assert reader.scalar(statement) == 0
-    assert count(studio.database) == 1
+    assert count(app.database) == 1
 
 
 @pytest.mark.sqlite
-def test_a_writer_waits_for_the_one_before_instead_of_failing(studio: Studio) -> None:
+def test_a_writer_waits_for_the_one_before_instead_of_failing(app: AppContext) -> None:
     first_is_in = threading.Event()
 
     def write_slowly() -> None:
-        with studio.database.write() as session:
-            session.add(study("first"))
-            session.flush()
+        with app.database.write() as db:
+            db.add(study("first"))
+            db.flush()
             first_is_in.set()
             time.sleep(0.1)
 
@@ -65,45 +65,47 @@ def test_a_writer_waits_for_the_one_before_instead_of_failing(studio: Studio) ->
     thread.start()
     first_is_in.wait(5)
     # It reads before it writes: a lock that came only with the write would be refused here.
-    with studio.database.write() as session:
-        assert session.scalar(select(func.count(Study.id))) == 1
-        session.add(study("second"))
+    with app.database.write() as db:
+        assert db.scalar(select(func.count(Study.id))) == 1
+        db.add(study("second"))
     thread.join()
-    assert count(studio.database) == 2
+    assert count(app.database) == 2
 
 
 @pytest.mark.sqlite
 @pytest.mark.parametrize(
     ("pragma", "value"), [("synchronous", 2), ("foreign_keys", 1), ("journal_mode", "wal")]
 )
-def test_what_is_acknowledged_is_on_the_disk(studio: Studio, pragma: str, value: int | str) -> None:
-    with studio.database.read() as session:
-        assert session.scalar(text(f"PRAGMA {pragma}")) == value
+def test_what_is_acknowledged_is_on_the_disk(
+    app: AppContext, pragma: str, value: int | str
+) -> None:
+    with app.database.read() as db:
+        assert db.scalar(text(f"PRAGMA {pragma}")) == value
 
 
 @pytest.mark.parametrize("value", [10**19, "\ud800"])
 def test_what_no_column_can_hold_is_refused_alike_by_every_database(
-    studio: Studio, value: int | str
+    app: AppContext, value: int | str
 ) -> None:
     column = Study.id if isinstance(value, int) else Study.slug
-    with studio.database.read() as session, pytest.raises(DataError):
-        session.scalar(select(Study.id).where(column == value))
+    with app.database.read() as db, pytest.raises(DataError):
+        db.scalar(select(Study.id).where(column == value))
 
 
 @pytest.mark.postgresql
 def test_a_connection_that_is_cut_during_the_commit_leaves_the_outcome_unknown(
-    studio: Studio,
+    app: AppContext,
 ) -> None:
     def cut(connection: Connection) -> None:
         driver: Any = connection.connection.dbapi_connection
         pid = driver.info.backend_pid
-        with studio.database.read() as other:
+        with app.database.read() as other:
             other.execute(select(func.pg_terminate_backend(pid, 5_000)))
 
-    database = Database(studio.settings.url)
+    database = Database(app.settings.url)
     event.listen(database.engine, "commit", cut)
-    with pytest.raises(CommitLostError), database.write() as session:
-        session.add(study("a"))
+    with pytest.raises(CommitLostError), database.write() as db:
+        db.add(study("a"))
     database.close()
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from psycopg.conninfo import conninfo_to_dict
 
-from app.storage import dumps
+from app.storage import dump_restore
 
 URL = "postgresql+psycopg://ada:s%3Acret@db.lab.example:5433/studies"
 SAFE = "sslmode=verify-full&sslrootcert=/a b.pem&sslcert=/c&sslkey=/k&channel_binding=require"
@@ -40,7 +40,7 @@ LOCAL = "postgresql+psycopg://ada:s%3Acret@/studies"
 def test_they_get_all_that_the_url_says_and_no_password_in_their_words(
     url: str, place: dict[str, str]
 ) -> None:
-    words, password = dumps.reached(url)
+    words, password = dump_restore.reached(url)
     common = {"user": "ada", "dbname": "studies", "host": "db.lab.example", "port": "5433"}
     assert conninfo_to_dict(words) == {**common, **place}
     assert password == "s:cret"

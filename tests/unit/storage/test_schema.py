@@ -12,8 +12,8 @@ from sqlalchemy import CheckConstraint, inspect, text
 from sqlalchemy.exc import DatabaseError
 
 from app.storage.database import Database
+from app.storage.models.studies import Base
 from app.storage.schema import migrate
-from app.storage.tables import Base
 from tests.databases import Databases
 
 
@@ -73,11 +73,11 @@ def _plain(sql: str) -> str:
     "change", ["UPDATE audit_events SET actor = 'nobody'", "DELETE FROM audit_events"]
 )
 def test_the_audit_trail_is_only_added_to(database: Database, change: str) -> None:
-    with database.write() as session:
-        session.execute(
+    with database.write() as db:
+        db.execute(
             text("INSERT INTO audit_events VALUES (1, '2026-01-01', 'ada', 'opened', NULL, '{}')")
         )
     # PostgreSQL's trigger does not say of which kind its refusal is.
     refused = pytest.raises(DatabaseError, match="append-only")
-    with refused, database.write() as session:
-        session.execute(text(change))
+    with refused, database.write() as db:
+        db.execute(text(change))

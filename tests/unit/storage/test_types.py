@@ -7,7 +7,7 @@ from datetime import UTC, datetime, timedelta, timezone
 import pytest
 from sqlalchemy.dialects import sqlite
 
-from app.storage.types import UtcDateTime
+from app.storage.models.types import UtcDateTime
 
 #: Nothing here asks a database.
 pytestmark = pytest.mark.sqlite

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from app.study import Plan
-from app.study.checks import Kind, number, schedule
+from app.study.attention_checks import Kind, number, schedule
 
 Edit = Callable[[Path, str, str], None]
 Faults = Callable[[Path], list[str]]

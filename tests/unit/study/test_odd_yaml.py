@@ -11,10 +11,10 @@ from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from app.study import plan_form
-from app.study.faults import StudyFaults
 from app.study.folder import load
 from app.study.plan import plan_hash
 from app.study.plan_source import read_plan
+from app.study.validation_errors import StudyFaults
 from app.study.yaml_edit import UneditableError
 from app.study.yaml_source import YamlSyntaxError
 from tests.conftest import SHORT_PLAN

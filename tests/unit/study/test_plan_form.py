@@ -6,8 +6,8 @@ import difflib
 
 import pytest
 
-from app.study.beginning import begin_plan
-from app.study.plain import as_mapping
+from app.study.draft_plan import begin_plan
+from app.study.parsed_plan import as_mapping
 from app.study.plan_form import fields, written
 from app.study.plan_source import read_plan
 from app.study.scaffold import EXAMPLE

@@ -3,7 +3,7 @@
 import pytest
 
 from app.study import consent_version, render
-from app.study.texts import placeholders
+from app.study.markdown import placeholders
 
 
 def test_headings_begin_below_the_page_title() -> None:

@@ -7,12 +7,12 @@ from pathlib import Path
 
 import pytest
 
-from app.study.faults import StudyFaults
 from app.study.folder import load
 from app.study.transcoding import transcode_folder
+from app.study.validation_errors import StudyFaults
 from app.video.encoding import transcode
-from app.video.facts import UnreadableVideoError
 from app.video.probing import probe
+from app.video.video_info import UnreadableVideoError
 from tests.videos import FRAMES, write
 
 PLAYED = [

@@ -16,9 +16,9 @@ from typing import Any
 import pytest
 
 from app.video import limits
-from app.video.decoding import MOST_DEATHS, Decoder
-from app.video.facts import DecoderFailedError, NotTriedError, UnreadableVideoError
+from app.video.decoder_client import MOST_DEATHS, Decoder
 from app.video.probing import probe
+from app.video.video_info import DecoderFailedError, NotTriedError, UnreadableVideoError
 from tests.videos import write
 
 
@@ -67,7 +67,7 @@ def test_the_process_ends_with_whoever_started_it(tmp_path: Path) -> None:
     program = """if True:
         import sys, threading, time
         from pathlib import Path
-        from app.video.decoding import Decoder
+        from app.video.decoder_client import Decoder
         decoder = Decoder()
         threading.Thread(target=decoder.probe, args=(Path(sys.argv[1]),), daemon=True).start()
         while decoder._process is None:
@@ -217,7 +217,10 @@ def test_whoever_looks_into_videos_may_write_none_and_knows_no_secret(
 
 
 def test_the_process_loads_no_more_than_it_needs() -> None:
-    told = "import sys, app.video.decoder; print(*{name.split('.')[0] for name in sys.modules})"
+    told = (
+        "import sys, app.video.decoder_process;"
+        " print(*{name.split('.')[0] for name in sys.modules})"
+    )
     run = subprocess.run([sys.executable, "-c", told], check=True, capture_output=True, text=True)
     loaded = run.stdout.split()
     assert not {"torch", "numpy", "pydantic", "sqlalchemy", "fastapi"} & set(loaded)

@@ -12,9 +12,9 @@ import av
 import numpy as np
 import pytest
 
-from app.video.decoding import Decoder
-from app.video.facts import UnreadableVideoError
+from app.video.decoder_client import Decoder
 from app.video.remuxing import remux
+from app.video.video_info import UnreadableVideoError
 
 SECRETS = {
     "title": "SECRET-title speed=0.1",

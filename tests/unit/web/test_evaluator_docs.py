@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-from app.web.templating import ROOT
+from app.web.http.templating import ROOT
 
 DOCS = ROOT / "docs"
 MOST_BYTES = 100_000

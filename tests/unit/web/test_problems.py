@@ -6,9 +6,9 @@ from collections.abc import Iterator
 
 import pytest
 
-from app.services import errors
+from app.services.runtime import errors
 from app.study import protocol
-from app.web import problems
+from app.web.http import problems
 
 
 def _all_of(error: type[Exception]) -> Iterator[type[Exception]]:

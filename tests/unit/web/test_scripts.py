@@ -6,7 +6,7 @@ import re
 
 import pytest
 
-from app.web.templating import STATIC
+from app.web.http.templating import STATIC
 
 SCRIPTS = sorted((STATIC / "js").glob("*.js"))
 

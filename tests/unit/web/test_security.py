@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from app.web.security import bearer
-from app.web.sign_in_pages import _own_path
+from app.web.experimenter.sign_in_pages import _own_path
+from app.web.http.security import bearer
 
 
 @pytest.mark.parametrize(

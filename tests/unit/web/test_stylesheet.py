@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-from app.web.templating import STATIC
+from app.web.http.templating import STATIC
 
 CSS = re.sub(r"/\*.*?\*/", "", (STATIC / "css" / "app.css").read_text(), flags=re.DOTALL)
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from jinja2 import UndefinedError
 
-from app.web import templating
+from app.web.http import templating
 
 
 def test_a_time_says_in_utc_what_it_is() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 
-from app.web.templating import STATIC
+from app.web.http.templating import STATIC
 
 VENDOR = STATIC / "vendor"
 

@@ -11,10 +11,10 @@ from babel.messages.catalog import Catalog, Message
 from babel.messages.frontend import CommandLineInterface
 from babel.messages.pofile import read_po
 
-from app.web import words
-from app.web.templating import ROOT, environment_in
+from app.web.http import translations
+from app.web.http.templating import ROOT, environment_in
 
-LANGUAGES = words.spoken()[1:]
+LANGUAGES = translations.spoken()[1:]
 PLACE = re.compile(r"%\((\w+)\)s")
 TAG = re.compile(r"<[^>]+>")
 
@@ -33,7 +33,7 @@ def said(tmp_path_factory: pytest.TempPathFactory) -> Catalog:
 
 
 def catalogue(language: str) -> Catalog:
-    with (words.LOCALE / language / "LC_MESSAGES" / "pbpo.po").open("rb") as file:
+    with (translations.LOCALE / language / "LC_MESSAGES" / "pbpo.po").open("rb") as file:
         return read_po(file, locale=language)
 
 
@@ -46,7 +46,7 @@ def forms(text: str | list[str] | tuple[str, ...]) -> tuple[str, ...]:
 
 
 def test_japanese_is_spoken() -> None:
-    assert words.spoken() == ("en", "ja")
+    assert translations.spoken() == ("en", "ja")
 
 
 @pytest.mark.parametrize("language", LANGUAGES)
@@ -78,11 +78,11 @@ def test_every_text_of_a_script_travels_with_the_page(said: Catalog, language: s
     scripts = [path for path in (ROOT / "static/js").glob("*.js") if path.name != "words.js"]
     found = {call for path in scripts for call in calls.findall(path.read_text(encoding="utf-8"))}
     assert len(found) > 30
-    assert {text.strip('"') for text in found} == set(words.script_words(language))
+    assert {text.strip('"') for text in found} == set(translations.script_words(language))
 
 
 def test_the_words_of_scripts_are_nothing_in_english() -> None:
-    assert words.script_words("en") == {}
+    assert translations.script_words("en") == {}
 
 
 #: Words between tags, and in attributes that are read out.
@@ -109,11 +109,11 @@ def test_no_template_of_an_evaluators_page_has_words_that_are_not_marked(templat
     ("language", "spoken"), [("ja", "ja"), ("ja-JP", "ja"), ("en-GB", "en"), ("de", "en")]
 )
 def test_a_language_that_the_pages_do_not_speak_gets_english(language: str, spoken: str) -> None:
-    assert words.nearest(language) == spoken
+    assert translations.nearest(language) == spoken
 
 
 def test_numbers_are_written_as_the_language_writes_them() -> None:
-    assert [words.number(value, "ja") for value in (18.0, 0.0001, 2000)] == [
+    assert [translations.number(value, "ja") for value in (18.0, 0.0001, 2000)] == [
         "18",
         "0.0001",
         "2,000",

@@ -1,0 +1,1 @@
+"""Accounts of experimenters: sign-in, tokens, invitations, rate limits, and the audit log."""

@@ -1,0 +1,103 @@
+"""Links of a study's own that each let one person in, once. Of a link only a hash is kept."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import datetime
+
+from sqlalchemy import func, select, update
+from sqlalchemy.orm import Session
+
+from app.services.accounts import audit_log
+from app.services.context import AppContext
+from app.services.runtime.errors import ConflictError, EntryLinkError
+from app.services.runtime.ids import new_secret, secret_hash
+from app.services.studies import repository
+from app.storage.models.arrivals import EntryLink
+from app.study.plan import Plan
+
+#: More at once is a slip of the pen.
+MOST_AT_ONCE = 10_000
+
+
+@dataclass(frozen=True)
+class Counts:
+    """How many links a study has given out, and how many of them let somebody in."""
+
+    made: int
+    used: int
+
+
+def create(
+    app: AppContext, slug: str, count: int, label: str = "", actor: str = audit_log.COMMAND_LINE
+) -> list[str]:
+    """Make links to a study that wants them: their paths, shown this once."""
+    if not 1 <= count <= MOST_AT_ONCE:
+        raise ConflictError(f"expected a number of links from 1 to {MOST_AT_ONCE}, got {count}")
+    tokens = [new_secret() for _ in range(count)]
+    with app.database.write() as db:
+        study = repository.read(db, slug)
+        if not wanted(study.plan):
+            raise ConflictError(
+                f"expected a study with `recruitment: {{links: single-use}}`, and {slug!r} lets "
+                "everybody in who has its link"
+            )
+        now = app.now()
+        db.add_all(
+            EntryLink(study_id=study.id, token_hash=secret_hash(token), label=label, created_at=now)
+            for token in tokens
+        )
+        audit_log.note(db, now, actor, "links made", slug, count=count, label=label)
+    return [f"/s/{slug}?entry={token}" for token in tokens]
+
+
+def counts(app: AppContext, study_id: int) -> Counts:
+    with app.database.read() as db:
+        made, used = db.execute(
+            select(func.count(EntryLink.id), func.count(EntryLink.used_at)).where(
+                EntryLink.study_id == study_id
+            )
+        ).one()
+    return Counts(made, used)
+
+
+def wanted(plan: Plan) -> bool:
+    return plan.recruitment.links == "single-use"
+
+
+def require_unused(db: Session, study: repository.StudyInfo, token: str | None) -> None:
+    """Raises EntryLinkError unless the link can still let somebody in."""
+    if not wanted(study.plan):
+        return
+    if not token:
+        raise EntryLinkError(
+            "expected a personal link, and this one is the same for everybody", is_used=False
+        )
+    row = db.execute(
+        select(EntryLink.used_at).where(
+            EntryLink.study_id == study.id, EntryLink.token_hash == secret_hash(token)
+        )
+    ).one_or_none()
+    if row is None:
+        raise EntryLinkError("expected a link that this study gave out", is_used=False)
+    if row.used_at is not None:
+        raise EntryLinkError("expected a link that nobody has used yet", is_used=True)
+
+
+def use(db: Session, study: repository.StudyInfo, token: str | None, now: datetime) -> None:
+    """Let one person in by this link: of two at the same moment, only one."""
+    require_unused(db, study, token)
+    if not wanted(study.plan) or token is None:
+        return
+    marked = db.execute(
+        update(EntryLink)
+        .where(
+            EntryLink.study_id == study.id,
+            EntryLink.token_hash == secret_hash(token),
+            EntryLink.used_at.is_(None),
+        )
+        .values(used_at=now)
+        .returning(EntryLink.id)
+    )
+    if marked.scalar_one_or_none() is None:
+        raise EntryLinkError("expected a link that nobody has used yet", is_used=True)

@@ -1,0 +1,1 @@
+"""Background work: the interface, and its local and remote implementations."""

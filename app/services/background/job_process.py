@@ -1,0 +1,85 @@
+"""Processes for jobs, which take minutes: each job has its own, so that it can be stopped."""
+
+from __future__ import annotations
+
+import multiprocessing
+import threading
+from collections.abc import Callable, Hashable
+from concurrent.futures import Future, ThreadPoolExecutor
+from functools import partial
+from multiprocessing.context import SpawnProcess
+from typing import Any
+
+from app.services.runtime.child_process import log_fault, work_for_parent
+
+
+class JobProcesses:
+    """One process at a time, each of its own: it can be stopped, which a pool's cannot."""
+
+    def __init__(self) -> None:
+        self._thread = ThreadPoolExecutor(1, thread_name_prefix="jobs")
+        self._lock = threading.Lock()
+        self._under_way: dict[Hashable, Future[bool]] = {}
+        self._process: SpawnProcess | None = None
+        self._closed = False
+
+    def submit(
+        self,
+        key: Hashable,
+        function: Callable[..., None],
+        args: tuple[Any, ...],
+        died: Callable[[int], None],
+    ) -> Future[bool]:
+        """Run `function(*args)` when its turn comes; False comes of it if it was stopped."""
+        with self._lock:
+            if (under_way := self._under_way.get(key)) is not None:
+                return under_way
+            if self._closed:
+                stopped: Future[bool] = Future()
+                stopped.set_result(False)
+                return stopped
+            future = self._under_way[key] = self._thread.submit(
+                self._run, key, function, args, died
+            )
+        future.add_done_callback(partial(log_fault, key))
+        return future
+
+    def close(self) -> None:
+        """Stop the job that runs, and begin no other."""
+        with self._lock:
+            self._closed = True
+            if self._process is not None:
+                self._process.terminate()
+        self._thread.shutdown(wait=True, cancel_futures=True)
+
+    def _run(
+        self,
+        key: Hashable,
+        function: Callable[..., None],
+        args: tuple[Any, ...],
+        died: Callable[[int], None],
+    ) -> bool:
+        process = multiprocessing.get_context("spawn").Process(
+            target=_as_worker, args=(function, args), daemon=True
+        )
+        try:
+            with self._lock:
+                if self._closed:
+                    return False
+                process.start()
+                self._process = process
+            process.join()
+            with self._lock:
+                self._process = None
+                was_stopped = self._closed
+            if process.exitcode and not was_stopped:
+                died(process.exitcode)
+            return not (process.exitcode and was_stopped)
+        finally:
+            with self._lock:
+                self._under_way.pop(key, None)
+
+
+def _as_worker(function: Callable[..., None], args: tuple[Any, ...]) -> None:
+    work_for_parent()
+    function(*args)

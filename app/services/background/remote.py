@@ -1,0 +1,175 @@
+"""What is slow, left to workers: servers ask, and follow how far it is, in one thread.
+
+Working ahead stays in the server: its outcome is kept in memory, and a step takes milliseconds.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+from collections.abc import Callable, Hashable
+from concurrent.futures import CancelledError, Future
+from typing import Any, TypeVar
+
+from app.services.runtime.errors import StoreAwayError
+from app.storage.procrastinate_tables import RUNNING, WAITING
+from app.storage.task_queue import JOB, RENDER, State, Task, TaskQueue
+
+from .interface import Background, Queue
+from .local import LocalBackground
+
+log = logging.getLogger(__name__)
+
+T = TypeVar("T")
+
+#: Somebody waits for it, or will ask for it later.
+URGENT, LATER = 10, 0
+
+#: How often those who wait are told how far it is, in seconds: less than anybody notices.
+_LOOK_S = 0.1
+
+
+class FailedApartError(Exception):
+    """A worker could not do what it was asked for; the message is that of its error."""
+
+
+class RemoteBackground(Background):
+    """The door of a server whose videos and jobs are made by workers.
+
+    Only what workers know can be asked for: videos, by ("render", locator). A future is done with
+    None: what came of it lies where it is kept.
+    """
+
+    def __init__(self, queue: TaskQueue) -> None:
+        self._queue = queue
+        self._here = LocalBackground(1)
+        self._changed = threading.Condition()
+        self._asked: list[Task] = []
+        #: Whoever waits for a task, by its key; and the tasks by their ids in the queue.
+        self._waiting: dict[str, Future[Any]] = {}
+        self._followed: dict[int, str] = {}
+        self._thread: threading.Thread | None = None
+        self._closed = False
+
+    def in_thread(self, key: Hashable, function: Callable[..., T], *args: Any) -> Future[T]:
+        return self._here.in_thread(key, function, *args)
+
+    def in_process(
+        self, key: Hashable, function: Callable[..., T], *args: Any, urgent: bool = False
+    ) -> Future[T]:
+        match key:
+            case (str(name), str(argument)) if name == RENDER:
+                task = Task(name, argument, URGENT if urgent else LATER)
+            case _:
+                raise TypeError(
+                    f"expected a video to be rendered, which workers can do, got {key!r}"
+                )
+        with self._changed:
+            future = self._waiting.get(task.key)
+            if future is None:
+                future = self._waiting[task.key] = Future()
+                # Nobody can call it off: others may wait for it as well.
+                future.set_running_or_notify_cancel()
+            elif not urgent:
+                return future
+            self._ask(task)
+        return future
+
+    def as_job(
+        self,
+        key: Hashable,
+        function: Callable[..., None],
+        *args: Any,
+        died: Callable[[int], None],
+    ) -> None:
+        with self._changed:
+            self._ask(Task(JOB, str(key)))
+
+    def tell_queue(self, tell: Callable[[int, int], None]) -> None:
+        """Nothing is told: each server would tell of the one queue of all, as if it had its own."""
+
+    def queue(self) -> Queue:
+        waiting, running = self._queue.count(RENDER)
+        return Queue(waiting, running, self._queue.workers())
+
+    def close(self) -> None:
+        with self._changed:
+            self._closed = True
+            self._changed.notify()
+        if self._thread is not None:
+            self._thread.join()
+        for key in list(self._waiting):
+            self._end(key, CancelledError())
+        self._here.close()
+
+    def _ask(self, task: Task) -> None:
+        self._asked.append(task)
+        if self._thread is None:
+            self._thread = threading.Thread(target=self._follow, name="workers-asked", daemon=True)
+            self._thread.start()
+        self._changed.notify()
+
+    def _follow(self) -> None:
+        while True:
+            with self._changed:
+                if not self._asked:
+                    self._changed.wait(_LOOK_S if self._followed else None)
+                if self._closed and not self._asked:
+                    return
+                asked, self._asked = self._asked, []
+            for task in asked:
+                self._pass_on(task)
+            self._look()
+
+    def _pass_on(self, task: Task) -> None:
+        try:
+            task_id = self._queue.ask(task)
+        except Exception as error:
+            log.exception("workers could not be asked for %s", task.key)
+            self._end(task.key, error)
+        else:
+            if task.name == RENDER:
+                self._followed[task_id] = task.key
+
+    def _look(self) -> None:
+        if not self._followed:
+            return
+        try:
+            states = self._queue.states(list(self._followed))
+        except Exception as error:
+            # Who waits is told now, and may ask again; what was asked for stays in the queue.
+            log.exception("how far workers are could not be looked up")
+            for task_id in list(self._followed):
+                self._end(self._followed.pop(task_id), error)
+            return
+        for task_id in list(self._followed):
+            state = states.get(task_id)
+            if state is None or state.status not in (WAITING, RUNNING):
+                self._end(self._followed.pop(task_id), _error_of(state))
+
+    def _end(self, key: str, error: Exception | None) -> None:
+        with self._changed:
+            future = self._waiting.pop(key, None)
+        if future is None:
+            return
+        if error is None:
+            future.set_result(None)
+        else:
+            future.set_exception(error)
+
+
+def fault_of(error: BaseException) -> str:
+    """How a worker says why it failed, for whoever waits: `_error_of` reads it."""
+    return f"{type(error).__name__}: {error}"
+
+
+def _error_of(state: State | None) -> Exception | None:
+    """Why a task that is over failed; None if it was done."""
+    if state is None:
+        return None
+    fault = state.fault or f"a worker left it {state.status}"
+    kind, _, message = fault.partition(": ")
+    if kind == StoreAwayError.__name__:
+        # As if it had been away from here: whoever waits may ask again.
+        return StoreAwayError(message)
+    return FailedApartError(fault)

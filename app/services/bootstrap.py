@@ -1,0 +1,137 @@
+"""Builds the application context: opens the database, makes the parts, registers job handlers."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from datetime import datetime
+from pathlib import Path
+from types import MappingProxyType
+
+from sqlalchemy import make_url
+from threadpoolctl import threadpool_limits
+
+from app.services.background.interface import Background
+from app.services.background.job_function import Work
+from app.services.background.local import LocalBackground
+from app.services.drafts import transcode_job
+from app.services.ethics import bundle_job
+from app.services.platform_keys import PlatformKeys
+from app.services.proposals.proposer import Proposer
+from app.services.recordings.addresses import VideoAddresses
+from app.services.recordings.recordings import Recordings
+from app.services.runtime.errors import ConflictError
+from app.services.runtime.ids import new_seed
+from app.services.runtime.metrics import Metrics
+from app.services.runtime.optional_packages import require_queue
+from app.services.runtime.private_files import for_owner
+from app.services.runtime.settings import Settings
+from app.storage import dump_restore
+from app.storage.database import Database
+from app.storage.schema import bring_to_newest
+
+from .context import AppContext, utc_now
+from .deletion_log import DeletionLog
+from .failure_counter import FailureCounter
+from .server_secret import ServerSecret
+
+
+def open_app(
+    settings: Settings,
+    *,
+    now: Callable[[], datetime] = utc_now,
+    seed: Callable[[], int] = new_seed,
+    background: Background | None = None,
+    restoring: bool = False,
+    works: Mapping[str, Work] = MappingProxyType({}),
+) -> AppContext:
+    """Open the studio of `settings`, bringing its database to the newest schema.
+
+    restoring: whether this is the restore that the database is under; others are refused until it
+    is done. works: functions of further kinds of job, which services may not import.
+    Raises ConflictError.
+    """
+    # A fit takes some milliseconds on one processor, and several times that if every fit of every
+    # evaluator tries to have them all.
+    threadpool_limits(1, user_api="blas")
+    # What people answered, and who they are, is for the eyes of the server's own user.
+    _make_folder(settings.data_dir, 0o700)
+    _make_folder(settings.media_dir)
+    if settings.own_videos_dir is not None:
+        # Whoever else has to read it, such as a proxy, is let in by whoever runs the server.
+        _make_folder(settings.own_videos_dir, 0o750)
+    _make_database_file(settings)
+    database = Database(settings.url)
+    try:
+        if not restoring:
+            _require_whole(database)
+        bring_to_newest(database)
+        secret = ServerSecret(database)
+        secret.ensure(now())
+        if settings.workers_apart:
+            background = _with_workers(database, background)
+    except BaseException:
+        database.close()
+        raise
+    background = background or LocalBackground(settings.render_jobs)
+    measurements = Metrics(own_queue=not settings.workers_apart)
+    background.tell_queue(measurements.renders)
+    recordings = Recordings(database, background, settings)
+    return AppContext(
+        settings=settings,
+        database=database,
+        background=background,
+        recordings=recordings,
+        proposer=Proposer(database, background, recordings.prefetch, measurements),
+        measurements=measurements,
+        ledger=DeletionLog(settings.ledger_path),
+        secret=secret,
+        addresses=VideoAddresses(secret),
+        platform_keys=PlatformKeys(settings.prolific_keys),
+        now=now,
+        faults=FailureCounter(database, now),
+        seed=seed,
+        works={
+            **works,
+            transcode_job.KIND: transcode_job.transcode_draft,
+            bundle_job.KIND: bundle_job.make_bundle,
+        },
+    )
+
+
+def _make_database_file(settings: Settings) -> None:
+    """SQLite's file, if there is none: closed to others, as those that SQLite puts beside it."""
+    url = make_url(settings.url)
+    if url.get_backend_name() != "sqlite" or not url.database or Path(url.database).exists():
+        return
+    with suppress(OSError):  # said when the database is opened
+        os.close(for_owner(url.database, os.O_CREAT | os.O_WRONLY))
+
+
+def _make_folder(folder: Path, mode: int = 0o777) -> None:
+    """Make it unless it is there. Raises ConflictError, as where a service may not write."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True, mode=mode)
+    except OSError as error:
+        raise ConflictError(
+            f"expected a folder to write to, and {folder} cannot be made: {error.strerror}"
+        ) from None
+
+
+def _require_whole(database: Database) -> None:
+    with database.engine.connect() as connection:
+        try:
+            dump_restore.require_whole(connection)
+        except dump_restore.DumpError as error:
+            raise ConflictError(str(error)) from None
+
+
+def _with_workers(database: Database, background: Background | None) -> Background:
+    """The door to workers, unless another one is given; their queue is there from now on."""
+    require_queue()
+    from app.services.background.remote import RemoteBackground  # noqa: PLC0415
+    from app.storage import procrastinate_tables, task_queue  # noqa: PLC0415
+
+    procrastinate_tables.prepare(database)
+    return background or RemoteBackground(task_queue.TaskQueue(database))

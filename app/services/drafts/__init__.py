@@ -1,0 +1,1 @@
+"""Studies being made in the browser: their files, uploads and transcoding."""

@@ -1,0 +1,389 @@
+"""Studies being made in the browser: a folder for each, as one would make it by hand.
+
+Its files lie in the uploads folder; it exists for whoever began it and for nobody else. What
+is wrong with it is what `pbpo study check` would say of the same folder.
+"""
+
+from __future__ import annotations
+
+import io
+import shutil
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path, PurePosixPath
+
+from sqlalchemy import delete, func, select, update
+from sqlalchemy.orm import Session
+
+from app.services import jobs
+from app.services.accounts import accounts, audit_log
+from app.services.accounts.accounts import Principal
+from app.services.context import AppContext
+from app.services.runtime import disk_quota
+from app.services.runtime.errors import (
+    ChangedMeanwhileError,
+    ConflictError,
+    ForbiddenError,
+    NoRoomError,
+    NotFoundError,
+)
+from app.services.runtime.ids import new_public_id
+from app.services.studies import access, folder_export, repository, slugs
+from app.storage.models.records import StudyDraft
+from app.study.files import read_text
+from app.study.folder import StudyFolder
+from app.study.plan_source import STUDY_FILE
+from app.study.recordings import PLAYABLE
+from app.study.text_diff import mark_of
+from app.study.validation_errors import Fault, StudyFaults, UnreadableFileError
+
+from . import files as draft_files
+from . import slugs as draft_slugs
+from . import transcode_job, uploads
+from .files import Sent
+from .uploads import UploadRefusedError
+
+#: Files that can be changed on a page.
+TEXT_ENDINGS = (".yaml", ".csv", ".md", ".txt")
+#: A longer text would be no plan and no consent.
+LONGEST_TEXT = 1_000_000
+#: The name of a study that is being made, in lists.
+LONGEST_NAME = 100
+
+
+@dataclass(frozen=True)
+class Draft:
+    """One study being made, and where its files lie."""
+
+    public_id: str
+    name: str
+    folder: Path
+    changed_at: datetime
+
+
+@dataclass(frozen=True)
+class DraftFile:
+    """A file of a study being made."""
+
+    name: str
+    size: int
+    is_text: bool
+
+
+@dataclass(frozen=True)
+class Checked:
+    """What a check of a folder found: a study, or every fault by its file."""
+
+    study: StudyFolder | None
+    faults: Mapping[str, Sequence[Fault]]
+
+    @property
+    def can_be_transcoded(self) -> int:
+        """How many videos some browser cannot play."""
+        told = (fault.told.expected for faults in self.faults.values() for fault in faults)
+        return sum(expected == PLAYABLE for expected in told)
+
+    @property
+    def number(self) -> int:
+        return sum(map(len, self.faults.values()))
+
+
+def begin(app: AppContext, caller: Principal, name: str, sent: Sequence[Sent] = ()) -> Draft:
+    """Begin a study from what was sent: a zip of its folder, or videos and a CSV, or nothing.
+
+    What a folder lacks to be one is begun from the example, but for a zip that holds a study.
+    Raises UploadRefusedError.
+    """
+    if not access.may_make_studies(caller):
+        raise ForbiddenError(f"{caller.email} ({caller.role.value}) may not make studies")
+    require_place(app, caller)
+    name = " ".join(name.split())[:LONGEST_NAME] or _name_of(sent) or "A new study"
+    public_id = new_public_id()
+    draft = Draft(public_id, name, folder_of(app, public_id), app.now())
+    draft.folder.mkdir(parents=True, mode=0o700)
+    try:
+        draft_files.store(draft.folder, sent, _limit(app, caller, draft))
+        if not (draft.folder / STUDY_FILE).is_file():
+            draft_files.complete(
+                draft.folder,
+                name,
+                draft_slugs.of_title(app, name, (one.folder for one in mine(app, caller))),
+            )
+        draft_files.settle(draft.folder)
+        _keep_row(app, caller, draft, "draft begun")
+    except BaseException:
+        shutil.rmtree(draft.folder, ignore_errors=True)
+        raise
+    return draft
+
+
+def clone(app: AppContext, caller: Principal, study: repository.StudyInfo, new_slug: str) -> Draft:
+    """Begin a study that is another one's copy under a slug of its own, or (new_slug empty, or the
+    same) one that is to take this draft's place.
+
+    Raises SlugTakenError if another study has the slug, and ConflictError if one of its videos is
+    missing.
+    """
+    if not access.may_make_studies(caller):
+        raise ForbiddenError(f"{caller.email} ({caller.role.value}) may not make studies")
+    is_change = not new_slug or new_slug == study.slug
+    require_place(app, caller)
+    slug = draft_slugs.of_copy(app, study, study.slug if is_change else new_slug)
+    public_id = new_public_id()
+    draft = Draft(public_id, slug, folder_of(app, public_id), app.now())
+    try:
+        folder_export.write_folder(app, study.slug, draft.folder, slug)
+        if is_change:
+            draft_slugs.note_origin(draft.folder, study.id)
+        _keep_row(app, caller, draft, "study cloned", study.slug)
+    except BaseException:
+        shutil.rmtree(draft.folder, ignore_errors=True)
+        raise
+    return draft
+
+
+def mine(app: AppContext, caller: Principal) -> list[Draft]:
+    """What the caller is making, the newest first."""
+    with app.database.read() as db:
+        rows = db.scalars(
+            select(StudyDraft)
+            .where(StudyDraft.account_id == caller.account_id)
+            .order_by(StudyDraft.changed_at.desc(), StudyDraft.id.desc())
+        )
+        return [_draft(app, row) for row in rows]
+
+
+def find(app: AppContext, caller: Principal, public_id: str, *, whole: bool = True) -> Draft:
+    """The draft, if it is the caller's; unless not `whole`, its files have to be here as well.
+
+    Raises NotFoundError.
+    """
+    with app.database.read() as db:
+        row = db.scalar(
+            select(StudyDraft).where(
+                StudyDraft.public_id == public_id, StudyDraft.account_id == caller.account_id
+            )
+        )
+    if row is None or not access.may_make_studies(caller):
+        raise NotFoundError("there is no such study being made")
+    draft = _draft(app, row)
+    if whole and not draft.folder.is_dir():
+        # Of several servers each may have a data folder of its own.
+        raise NotFoundError(
+            "the files of this study are not in the data folder of the server that answers; it was"
+            " begun at another one, or they were lost"
+        )
+    return draft
+
+
+def files(draft: Draft) -> list[DraftFile]:
+    """The files of a draft by their names, texts first."""
+    found = [
+        DraftFile(
+            path.relative_to(draft.folder).as_posix(),
+            path.stat().st_size,
+            path.suffix.lower() in TEXT_ENDINGS,
+        )
+        for path in sorted(draft.folder.rglob("*"))
+        if path.is_file() and path.name != draft_slugs.ORIGIN
+    ]
+    return sorted(found, key=lambda file: (not file.is_text, file.name != STUDY_FILE, file.name))
+
+
+def require_place(app: AppContext, caller: Principal, coming: int = 0) -> None:
+    """Raises NoRoomError if the caller is making as much as they may, or the disk has no room."""
+    disk_quota.require(app.settings, app.settings.uploads_dir, coming)
+    most = app.settings.drafts_per_account
+    with app.database.read() as db:
+        number = _number(db, caller)
+    if number >= most:
+        raise NoRoomError(
+            f"expected at most {most} studies being made by an account, and you are making"
+            f" {number}: create or throw away one of them first"
+        )
+
+
+def _number(db: Session, caller: Principal) -> int:
+    return (
+        db.scalar(
+            select(func.count(StudyDraft.id)).where(StudyDraft.account_id == caller.account_id)
+        )
+        or 0
+    )
+
+
+def add(app: AppContext, caller: Principal, draft: Draft, sent: Sequence[Sent]) -> list[str]:
+    """Add what was sent, in the place of what has the same name; the names. A zip is unpacked."""
+    if not sent:
+        raise UploadRefusedError(["Expected a file, got none."])
+    disk_quota.require(app.settings, draft.folder)
+    names = draft_files.store(draft.folder, sent, _limit(app, caller, draft))
+    draft_files.settle(draft.folder)
+    _changed(app, draft)
+    return names
+
+
+def remove(app: AppContext, draft: Draft, name: str) -> None:
+    """Take a file out of a draft. Raises NotFoundError."""
+    _existing(draft, name).unlink()
+    _changed(app, draft)
+
+
+def text_of(draft: Draft, name: str) -> str:
+    """A text of the draft; empty where there is none yet. Raises UploadRefusedError."""
+    path = _text_path(draft, name)
+    try:
+        return read_text(draft.folder, path) if path.exists() else ""
+    except UnreadableFileError as error:
+        raise UploadRefusedError([f"{name}: {error}."]) from None
+
+
+def write_text(
+    app: AppContext, draft: Draft, name: str, text: str, base: str | None = None
+) -> None:
+    """Give a text of the draft these words.
+
+    base: the mark (`difference.mark_of`) of the text that they were written over. Raises
+    ChangedMeanwhileError if it is another one by now, and UploadRefusedError.
+    """
+    written = text.replace("\r\n", "\n")
+    path = _text_path(draft, name)
+    with app.database.write() as db:
+        # The row is held: of two who save at once the second sees what the first has written.
+        _touch(db, app, draft)
+        if base is not None:
+            there = text_of(draft, name)
+            if mark_of(there) != base and there != written:
+                raise ChangedMeanwhileError(
+                    f"expected {name} as it was when this page was opened, and it was changed"
+                )
+        uploads.keep(io.BytesIO(written.encode("utf-8", "replace")), path, LONGEST_TEXT)
+
+
+def check(app: AppContext, draft: Draft) -> Checked:
+    """Everything that is wrong with a draft, at once; that its slug is taken as well."""
+    try:
+        study = repository.load_folder(str(draft.folder))
+        taken = draft_slugs.fault(app, draft.folder, study.plan.slug)
+        if taken is not None:
+            return Checked(None, {STUDY_FILE: [taken]})
+        return Checked(study, {})
+    except StudyFaults as error:
+        faults: dict[str, list[Fault]] = {}
+        for fault in error.faults:
+            faults.setdefault(fault.file, []).append(fault)
+        return Checked(None, faults)
+
+
+def replaces(app: AppContext, draft: Draft, slug: str) -> bool:
+    """Whether creating the draft's study replaces the draft study that it was copied from."""
+    return draft_slugs.replaces(app, draft.folder, slug)
+
+
+def transcode(app: AppContext, caller: Principal, draft: Draft) -> jobs.JobInfo:
+    """Ask for the draft's videos that some browser cannot play to be made ones that all play."""
+    _changed(app, draft)
+    return jobs.ask(app, caller, transcode_job.KIND, {"draft": draft.public_id})
+
+
+def create_study(app: AppContext, caller: Principal, draft: Draft) -> repository.StudyInfo:
+    """Make the draft a study of the caller's, in status draft; its own folder is done with.
+
+    Raises StudyFaults, or ConflictError if the slug is taken.
+    """
+    folder = repository.load_folder(str(draft.folder))
+    info = repository.create(
+        app,
+        folder,
+        caller.account_id,
+        actor=caller.email,
+        may_replace=lambda session, study_id: access.may_change(session, caller, study_id),
+        proof=slugs.Proof(origin=draft_slugs.origin(draft.folder)),
+    )
+    discard(app, draft)
+    return info
+
+
+def discard(app: AppContext, draft: Draft) -> None:
+    """Throw away what was begun."""
+    with app.database.write() as db:
+        db.execute(delete(StudyDraft).where(StudyDraft.public_id == draft.public_id))
+    shutil.rmtree(draft.folder, ignore_errors=True)
+
+
+def _keep_row(
+    app: AppContext, caller: Principal, draft: Draft, action: str, of: str | None = None
+) -> None:
+    now = draft.changed_at
+    with app.database.write() as db:
+        # Held: of two that are begun at once the second counts the first.
+        accounts.held(db, caller.account_id)
+        if _number(db, caller) >= app.settings.drafts_per_account:
+            raise NoRoomError("expected fewer studies being made: another was begun just now")
+        db.add(
+            StudyDraft(
+                public_id=draft.public_id,
+                account_id=caller.account_id,
+                name=draft.name,
+                created_at=now,
+                changed_at=now,
+            )
+        )
+        audit_log.note(db, now, caller.email, action, of, draft=draft.public_id)
+
+
+def _draft(app: AppContext, row: StudyDraft) -> Draft:
+    return Draft(row.public_id, row.name, folder_of(app, row.public_id), row.changed_at)
+
+
+def folder_of(app: AppContext, public_id: str) -> Path:
+    """Where the files of the draft of this id lie."""
+    # Whole: faults name files within it, and links are followed to see whether they lead out.
+    return (app.settings.uploads_dir / "drafts" / public_id).resolve()
+
+
+def _changed(app: AppContext, draft: Draft) -> None:
+    with app.database.write() as db:
+        _touch(db, app, draft)
+
+
+def _touch(db: Session, app: AppContext, draft: Draft) -> None:
+    db.execute(
+        update(StudyDraft)
+        .where(StudyDraft.public_id == draft.public_id)
+        .values(changed_at=app.now())
+    )
+
+
+def _limit(app: AppContext, caller: Principal, draft: Draft) -> int:
+    """Bytes that this draft may take: a study's limit, and what is left of its maker's."""
+    others = sum(
+        uploads.size_of(one.folder) for one in mine(app, caller) if one.public_id != draft.public_id
+    )
+    left = app.settings.account_limit_mb * 1_000_000 - others
+    if left <= 0:
+        raise NoRoomError(
+            f"expected at most {app.settings.account_limit_mb:,} MB in all studies that you are"
+            f" making, and they take {others / 1e6:,.0f} MB: create or throw away one of them first"
+        )
+    return min(app.settings.upload_limit_mb * 1_000_000, left)
+
+
+def _name_of(sent: Sequence[Sent]) -> str:
+    zips = [PurePosixPath(one.name) for one in sent if draft_files.is_zip(one)]
+    return zips[0].stem[:LONGEST_NAME] if zips else ""
+
+
+def _existing(draft: Draft, name: str) -> Path:
+    path = draft.folder / uploads.harmless(name)
+    if not path.is_file():
+        raise NotFoundError(f"there is no file {name!r} in this study")
+    return path
+
+
+def _text_path(draft: Draft, name: str) -> Path:
+    path = draft.folder / uploads.harmless(name)
+    if path.suffix.lower() not in TEXT_ENDINGS or path.is_dir():
+        raise ConflictError(f"expected a text such as {STUDY_FILE} to be changed, got {name!r}")
+    return path

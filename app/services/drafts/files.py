@@ -1,0 +1,131 @@
+"""The files of a study being made: where each one that was sent belongs in its folder."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+from typing import IO
+
+from app.study import draft_plan
+from app.study.files import misplaced, read_text
+from app.study.folder import TEXT_NAMES, WELCOME
+from app.study.plan_source import STUDY_FILE
+from app.study.recordings import FILE_COLUMN
+from app.study.validation_errors import UnreadableFileError
+
+from . import uploads
+from .upload_names import clashes, name_fault
+from .uploads import UploadRefusedError
+
+VIDEO_ENDINGS = (".mp4", ".m4v", ".mov", ".webm", ".ogv", ".ogg", ".avi", ".mkv", ".mpg", ".mpeg")
+
+
+@dataclass(frozen=True)
+class Sent:
+    """A file as it came from a browser, under the name that it had there."""
+
+    name: str
+    content: IO[bytes]
+
+
+def store(folder: Path, sent: Sequence[Sent], limit: int) -> list[str]:
+    """Write what was sent into the folder, which may take `limit` bytes; the names.
+
+    All names are looked at before any file is. Raises UploadRefusedError.
+    """
+    names: list[str] = []
+    faults: list[str] = []
+    for one in sent:
+        try:
+            names.append(uploads.harmless(one.name))
+        except UploadRefusedError as error:
+            faults.extend(error.faults)
+    if not faults:
+        places = [
+            name if is_zip(one) else _place(folder, name)
+            for name, one in zip(names, sent, strict=True)
+        ]
+        plain = (place for place, one in zip(places, sent, strict=True) if not is_zip(one))
+        faults.extend(clashes(plain, folder))
+    if faults:
+        raise UploadRefusedError(faults)
+    stored: list[str] = []
+    for place, one in zip(places, sent, strict=True):
+        left = limit - uploads.size_of(folder)
+        if is_zip(one):
+            stored.extend(uploads.unpack(one.content, folder, left))
+            continue
+        uploads.keep(one.content, folder / place, left)
+        stored.append(place)
+    return stored
+
+
+def complete(folder: Path, title: str, slug: str) -> None:
+    """Begin what is missing to be a study's folder: a plan for its CSV, and texts."""
+    tables = sorted(path for path in folder.glob("*.csv"))
+    parameters: list[str] = []
+    if tables:
+        try:
+            parameters = draft_plan.parameters_of(read_text(folder, tables[0]))
+        except (UnreadableFileError, csv.Error):
+            # The check says what is wrong with it, with its line.
+            parameters = []
+    source = tables[0].name if tables else "recordings.csv"
+    written = {STUDY_FILE: draft_plan.begin_plan(title, source, parameters, slug)}
+    for place, text in {**draft_plan.example_texts(), **written}.items():
+        path = folder / place
+        if not path.exists():
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(text, encoding="utf-8")
+
+
+def settle(folder: Path) -> None:
+    """Move each video to where the CSV says that it is, if it came without its folder."""
+    for table in folder.glob("*.csv"):
+        try:
+            rows = csv.DictReader(io.StringIO(read_text(folder, table)))
+            named = [(row.get(FILE_COLUMN) or "").strip() for row in rows]
+        except (UnreadableFileError, csv.Error):
+            continue
+        for name in named:
+            if (
+                misplaced(name) is not None
+                or name_fault(name) is not None
+                or clashes([name], folder)
+            ):
+                # The check says what is wrong with it.
+                continue
+            target = folder / name
+            if target.exists():
+                continue
+            found = _called(folder, PurePosixPath(name).name)
+            if len(found) == 1 and found[0].relative_to(folder).as_posix() not in named:
+                target.parent.mkdir(parents=True, exist_ok=True)
+                found[0].replace(target)
+
+
+def is_zip(one: Sent) -> bool:
+    return one.name.lower().endswith(".zip")
+
+
+def _place(folder: Path, name: str) -> str:
+    """Where a file of this name belongs: where one of its name is, or as its ending says."""
+    path = PurePosixPath(name)
+    if len(path.parts) > 1:
+        return name
+    same = _called(folder, path.name)
+    if len(same) == 1:
+        return same[0].relative_to(folder).as_posix()
+    if path.suffix.lower() in VIDEO_ENDINGS:
+        return f"videos/{name}"
+    if path.suffix == ".md" and path.stem in (WELCOME, *TEXT_NAMES):
+        return f"texts/en/{name}"
+    return name
+
+
+def _called(folder: Path, name: str) -> list[Path]:
+    """The files of this name, wherever they lie in the folder."""
+    return [path for path in folder.rglob("*") if path.name == name and path.is_file()]

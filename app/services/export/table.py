@@ -1,0 +1,194 @@
+"""What exported tables are made of: columns, requests, and what several of them look up."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from datetime import UTC, date, datetime, time, timedelta
+from typing import Any
+
+from sqlalchemy import ColumnElement, Select, exists, select
+from sqlalchemy.orm import Session, aliased
+
+from app.services.monitoring.data_quality import Flag
+from app.services.studies.repository import StudyInfo
+from app.storage.models.studies import Candidate, Recording, SessionRow, Trial
+from app.study.plan import Plan
+
+from .cells import Value
+
+#: Rows fetched at a time.
+_BATCH = 1_000
+
+Row = tuple[Value, ...]
+
+
+@dataclass(frozen=True)
+class Request:
+    """What is asked for: one study, and which of its sessions and trials count.
+
+    conditions: only trials under these, and sessions that have one; none named: all. since, until:
+    the first and the last day, in UTC, on which a session may have begun. without: sessions with
+    one of these flags are left out. completed: only completed sessions. left_out: the sessions,
+    by their keys in the database, that `filters.settled` found to have such a flag.
+    """
+
+    study: StudyInfo
+    modes: tuple[str, ...] = ("live",)
+    conditions: tuple[str, ...] = ()
+    since: date | None = None
+    until: date | None = None
+    without: tuple[Flag, ...] = ()
+    completed: bool = False
+    left_out: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True)
+class Column:
+    """One column. `type` is string, integer, number, boolean (true, false) or datetime."""
+
+    name: str
+    type: str
+    unit: str
+    description: str
+
+
+@dataclass(frozen=True)
+class Table:
+    """One exported file."""
+
+    name: str
+    description: str
+    columns: Callable[[Plan], tuple[Column, ...]]
+    rows: Callable[[Session, Request], Iterable[Row]]
+
+
+def text(name: str, description: str) -> Column:
+    return Column(name, "string", "", description)
+
+
+def integer(name: str, description: str, unit: str = "") -> Column:
+    return Column(name, "integer", unit, description)
+
+
+def number(name: str, description: str, unit: str = "") -> Column:
+    return Column(name, "number", unit, description)
+
+
+def boolean(name: str, description: str) -> Column:
+    return Column(name, "boolean", "", description)
+
+
+def moment(name: str, description: str) -> Column:
+    return Column(name, "datetime", "UTC, ISO 8601", description)
+
+
+STUDY = text("study", "Slug of the study.")
+PLAN_HASH = text("plan_hash", "SHA-256 of the plan, texts and recordings the session ran under.")
+PARTICIPANT = text("participant_id", "Pseudonym of the participant.")
+SESSION = text("session_id", "Pseudonym of the session: one passage through the study.")
+MODE = text("mode", "live, preview, pilot or simulated.")
+TRIAL = integer("trial_index", "Number of the trial in the session, from 0; -1 for the practice.")
+QUERY = integer("query_index", "Number of the query within the trial, from 0.")
+
+
+def parameters(plan: Plan, prefix: str, whose: str) -> tuple[Column, ...]:
+    return tuple(
+        number(f"{prefix}{parameter.name}", f"Parameter {parameter.name} of {whose}.", unit)
+        for parameter in plan.parameters
+        for unit in [parameter.unit or ""]
+    )
+
+
+def sessions_of(request: Request) -> tuple[ColumnElement[bool], ...]:
+    """What holds for the sessions that are asked for."""
+    holds = [SessionRow.study_id == request.study.id, SessionRow.mode.in_(request.modes)]
+    if request.conditions:
+        # An alias: the statement around it may walk the trials itself.
+        trial = aliased(Trial)
+        holds.append(
+            exists().where(
+                trial.session_id == SessionRow.id,
+                trial.trial_index >= 0,
+                trial.condition.in_(request.conditions),
+            )
+        )
+    if request.since is not None:
+        holds.append(SessionRow.started_at >= _midnight(request.since))
+    if request.until is not None:
+        holds.append(SessionRow.started_at < _midnight(request.until) + timedelta(days=1))
+    if request.completed:
+        holds.append(SessionRow.stage == "completed")
+    if request.left_out:
+        holds.append(SessionRow.id.not_in(request.left_out))
+    return tuple(holds)
+
+
+def trials_of(request: Request) -> tuple[ColumnElement[bool], ...]:
+    """What holds for the trials that are asked for, where sessions are joined as well."""
+    sessions = sessions_of(request)
+    if not request.conditions:
+        return sessions
+    return *sessions, Trial.condition.in_(request.conditions)
+
+
+def of_sessions(statement: Select[*tuple[Any, ...]], request: Request) -> Select[*tuple[Any, ...]]:
+    return statement.where(*sessions_of(request))
+
+
+def of_trials(statement: Select[*tuple[Any, ...]], request: Request) -> Select[*tuple[Any, ...]]:
+    return statement.where(*trials_of(request))
+
+
+def at_trials_of(
+    request: Request, session_id: Any, trial_index: Any
+) -> tuple[ColumnElement[bool], ...]:
+    """The same for what is kept by session and number of its trial."""
+    sessions = sessions_of(request)
+    if not request.conditions:
+        return sessions
+    trial = aliased(Trial)
+    return *sessions, exists().where(
+        trial.session_id == session_id,
+        trial.trial_index == trial_index,
+        trial.condition.in_(request.conditions),
+    )
+
+
+def _midnight(day: date) -> datetime:
+    return datetime.combine(day, time(), UTC)
+
+
+def fetch(db: Session, statement: Select[*tuple[Any, ...]]) -> Iterator[Any]:
+    return iter(db.execute(statement.execution_options(yield_per=_BATCH)))
+
+
+def points(db: Session, request: Request) -> dict[tuple[str, int], Row]:
+    """Parameters of each candidate, by environment and index, in the order of the plan."""
+    names = [parameter.name for parameter in request.study.plan.parameters]
+    return {
+        (environment, index): tuple(parameters[name] for name in names)
+        for environment, index, parameters in db.execute(
+            select(Candidate.environment, Candidate.candidate_index, Candidate.parameters).where(
+                Candidate.study_id == request.study.id
+            )
+        )
+    }
+
+
+def recording_names(db: Session, request: Request) -> dict[int, str]:
+    return {
+        recording_id: recording_name(environment, index, run)
+        for recording_id, environment, index, run in db.execute(
+            select(
+                Recording.id, Candidate.environment, Candidate.candidate_index, Recording.run_index
+            )
+            .join(Candidate, Recording.candidate_id == Candidate.id)
+            .where(Candidate.study_id == request.study.id)
+        )
+    }
+
+
+def recording_name(environment: str, candidate_index: int, run_index: int) -> str:
+    """A recording's name in exports: it joins queries.csv to recordings.csv."""
+    return f"{environment}-{candidate_index}-{run_index}"

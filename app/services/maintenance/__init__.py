@@ -1,0 +1,1 @@
+"""Periodic and operational work: retention, cleanup, backups, and what a worker runs."""

@@ -1,0 +1,326 @@
+"""A studio as one file, taken while it serves people, and a studio made of such a file.
+
+The file is a zip: the database, studies' own videos, the ledger of deletions, and a manifest with
+the rows of each table and the SHA-256 of each file. Videos of the crane are not in it: they are
+made again when they are asked for. Videos in a store of the network stay there: the manifest names
+them.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import shutil
+import tempfile
+import zipfile
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import Any
+
+from sqlalchemy import select
+
+from app import __version__
+from app.services import deletion_log
+from app.services.accounts import audit_log
+from app.services.bootstrap import open_app
+from app.services.context import AppContext
+from app.services.drafts import uploads
+from app.services.recordings.recordings import FILE, FoundSource
+from app.services.runtime import disk_quota
+from app.services.runtime.errors import ConflictError
+from app.services.runtime.settings import Settings
+from app.storage import dump_restore
+from app.storage.database import Database
+from app.storage.models.studies import Recording
+from app.study.scaffold import require_empty
+
+from . import reapply_deletions
+
+FORMAT = 1
+MANIFEST = "manifest.json"
+DATABASE = "database"
+LEDGER = "deletions.log"
+UPLOADS = "uploads"
+_PIECE = 1 << 20
+
+#: Where a backup is put together; one that is killed leaves a copy of the database there.
+_UNFINISHED = ".pbpo-backup-"
+_BACKUPS_LAST = timedelta(days=1)
+
+
+@dataclass(frozen=True)
+class Backup:
+    """What a backup holds: rows by table, and how many files besides the database.
+
+    store, elsewhere: where studies' own videos were kept that are not in it, and how many those
+    were; "" and 0 where they are in it.
+    """
+
+    made_at: datetime
+    schema: str | None
+    rows: dict[str, int]
+    files: int
+    bytes: int
+    store: str
+    elsewhere: int
+
+
+@dataclass(frozen=True)
+class Restored:
+    """What came of a backup: what it held, and how many deletions were carried out again.
+
+    missing: videos of studies that are not where recordings are kept, or cannot be reached there.
+    """
+
+    backup: Backup
+    deleted_again: int
+    missing: int
+
+
+def backup(settings: Settings, target: Path, now: datetime) -> Backup:
+    """Write everything that cannot be made again into a new file, readable by its owner alone.
+
+    What backups that were killed have left beside it is thrown away after a day. Raises
+    ConflictError if there is a file already, or if the database cannot be read.
+    """
+    if target.exists():
+        raise ConflictError(f"expected a new file, and {target} is there already")
+    if not target.parent.is_dir():
+        raise ConflictError(f"expected a folder to write to, and {target.parent} is none")
+    _throw_away_unfinished(target.parent, now)
+    # Its videos are not packed, and so take what they take; the database packs.
+    videos = sum(path.stat().st_size for _, path in _besides(settings) if path.is_file())
+    disk_quota.require(settings, target.parent, videos)
+    # Beside the target: there is room there, or the backup is in vain.
+    with tempfile.TemporaryDirectory(prefix=_UNFINISHED, dir=target.parent) as folder:
+        copy, part = Path(folder) / DATABASE, Path(folder) / "backup.zip"
+        try:
+            held = dump_restore.dump(settings.url, copy)
+        except dump_restore.DumpError as error:
+            raise ConflictError(str(error)) from None
+        with zipfile.ZipFile(part, "w", zipfile.ZIP_DEFLATED) as archive:
+            files = {DATABASE: _add(archive, DATABASE, copy, packed=True)}
+            # After the database: what it names was there before, and so is in the archive.
+            for name, path in _besides(settings):
+                try:
+                    files[name] = _add(archive, name, path, packed=name == LEDGER)
+                except FileNotFoundError:
+                    continue  # thrown away by its maker just now
+            manifest = {
+                "format": FORMAT,
+                "app_version": __version__,
+                "made_at": now.astimezone(UTC).isoformat(timespec="seconds"),
+                "database": dump_restore.kind_of(settings.url),
+                "schema": held.revision,
+                "rows": dict(held.rows),
+                "files": files,
+                "elsewhere": _elsewhere(settings),
+            }
+            archive.writestr(MANIFEST, json.dumps(manifest, indent=2) + "\n")
+        part.chmod(0o600)
+        with part.open("rb") as file:
+            os.fsync(file.fileno())
+        part.rename(target)
+    return _backup(manifest)
+
+
+def restore(source: Path, settings: Settings, ledgers: Sequence[Path], now: datetime) -> Restored:
+    """Make a studio of a backup, in a new or empty folder, at the newest schema.
+
+    Every file's hash and every table's rows are compared with the manifest. Then what the ledgers
+    name, and the one that the studio will have, is deleted again. Nothing stays in the folder or in
+    the database if anything is wrong. Raises ConflictError.
+    """
+    if not source.is_file():
+        raise ConflictError(f"expected a backup at {source}, and there is no such file")
+    lines = [line for path in ledgers for line in deletion_log.read(path)]
+    require_empty(settings.data_dir)
+    settings.data_dir.mkdir(parents=True, exist_ok=True, mode=0o700)
+    try:
+        manifest = _unpack(source, settings)
+        # Before anybody is in the database who may have been deleted. One ledger goes on with all
+        # lines: an older backup may be restored later.
+        lines = deletion_log.merge(settings.ledger_path, [*lines, *_ledger_of_backup(settings)])
+        with _loaded(source, settings, manifest):
+            again, missing = _make_good(settings, lines, manifest, now)
+    except BaseException:
+        for path in settings.data_dir.iterdir():
+            shutil.rmtree(path) if path.is_dir() else path.unlink()
+        raise
+    return Restored(_backup(manifest), again, missing)
+
+
+def _make_good(
+    settings: Settings,
+    lines: Sequence[deletion_log.Deleted],
+    manifest: dict[str, Any],
+    now: datetime,
+) -> tuple[int, int]:
+    """Bring what was loaded up to now; how many deletions that took, and how many videos lack."""
+    # Whoever serves it makes the queue of its workers.
+    alone = settings.model_copy(update={"workers_apart": False})
+    app = open_app(alone, now=lambda: now, restoring=True)
+    try:
+        again = reapply_deletions.apply(app, lines)
+        _settle_videos(app)
+        missing = _missing(app)
+        audit_log.note_alone(
+            app,
+            audit_log.COMMAND_LINE,
+            "backup restored",
+            made_at=manifest["made_at"],
+            deleted_again=again,
+        )
+    finally:
+        app.close()
+    return again, missing
+
+
+def _throw_away_unfinished(folder: Path, now: datetime) -> None:
+    for left in folder.glob(f"{_UNFINISHED}*"):
+        # One that is under way may end, or may not be ours to look into.
+        with suppress(OSError):
+            newest = max(path.stat().st_mtime for path in (left, *left.iterdir()))
+            if datetime.fromtimestamp(newest, UTC) <= now - _BACKUPS_LAST:
+                shutil.rmtree(left)
+
+
+def _besides(settings: Settings) -> Iterator[tuple[str, Path]]:
+    if settings.ledger_path.is_file():
+        yield LEDGER, settings.ledger_path
+    # A set: the two may be one folder.
+    found = {
+        f"{UPLOADS}/{path.relative_to(folder).as_posix()}": path
+        for folder in {settings.uploads_dir, settings.own_videos}
+        for path in folder.rglob("*")
+        if path.is_file() and path.suffix != ".part"
+    }
+    yield from sorted(found.items())
+
+
+def _elsewhere(settings: Settings) -> dict[str, Any] | None:
+    """Where studies' own videos are, and what they are called, if they are not in this folder."""
+    if not settings.recordings_url:
+        return None
+    database = Database(settings.url)
+    try:
+        return {"store": settings.recordings_url, "files": _own_videos(database)}
+    finally:
+        database.close()
+
+
+def _own_videos(database: Database) -> list[str]:
+    statement = select(Recording.locator).where(Recording.source == FILE)
+    with database.read() as db:
+        return sorted(set(db.scalars(statement)))
+
+
+def _settle_videos(app: AppContext) -> None:
+    """Delete restored videos of studies that are deleted again; move others where they belong."""
+    videos = {path.name: path for path in app.settings.uploads_dir.glob("*") if path.is_file()}
+    for name in videos.keys() - set(_own_videos(app.database)):
+        videos.pop(name).unlink()
+    if app.recordings.origin is not None or app.settings.own_videos_dir is not None:
+        app.recordings.keep_files(videos)
+        for path in videos.values():
+            path.unlink()
+
+
+def _missing(app: AppContext) -> int:
+    names = _own_videos(app.database)
+    return len(names) - len(app.recordings.sizes(FoundSource(FILE, name) for name in names))
+
+
+def _add(archive: zipfile.ZipFile, name: str, path: Path, *, packed: bool) -> dict[str, Any]:
+    """Add a file; its hash and size, of the very bytes that went in."""
+    info = zipfile.ZipInfo.from_file(path, name, strict_timestamps=False)
+    # Videos are packed already.
+    info.compress_type = zipfile.ZIP_DEFLATED if packed else zipfile.ZIP_STORED
+    with path.open("rb") as source, archive.open(info, "w", force_zip64=True) as target:
+        digest, size = _copy(source, target)
+    return {"sha256": digest, "bytes": size}
+
+
+def _copy(source: Any, target: Any) -> tuple[str, int]:
+    digest, size = hashlib.sha256(), 0
+    while piece := source.read(_PIECE):
+        digest.update(piece)
+        size += len(piece)
+        target.write(piece)
+    return digest.hexdigest(), size
+
+
+def _unpack(source: Path, settings: Settings) -> dict[str, Any]:
+    """Put all files into the folder, each as the manifest says; the manifest."""
+    try:
+        with zipfile.ZipFile(source) as archive:
+            manifest = _manifest(archive, source)
+            kind = dump_restore.kind_of(settings.url)
+            if manifest["database"] != kind:
+                raise ConflictError(
+                    f"expected a backup of a {kind} database, which is what PBPO_DATABASE_URL says,"
+                    f" got one of {manifest['database']}"
+                )
+            for name, said in manifest["files"].items():
+                target = settings.data_dir / uploads.harmless(name)
+                target.parent.mkdir(parents=True, exist_ok=True)
+                with archive.open(name) as packed, target.open("wb") as file:
+                    digest, _ = _copy(packed, file)
+                if digest != said["sha256"]:
+                    raise ConflictError(f"{source}: {name} is not what was backed up (SHA-256)")
+    except (OSError, KeyError, zipfile.BadZipFile) as error:
+        raise ConflictError(f"expected a whole backup, got {source}: {error}") from None
+    return manifest
+
+
+def _ledger_of_backup(settings: Settings) -> list[deletion_log.Deleted]:
+    path = settings.data_dir / LEDGER
+    path.touch()
+    # As a ledger is made: production refuses one that others can read.
+    path.chmod(0o600)
+    return deletion_log.read(path)
+
+
+@contextmanager
+def _loaded(source: Path, settings: Settings, manifest: dict[str, Any]) -> Iterator[None]:
+    """The unpacked database is put where it belongs; that is final when the block is left well."""
+    unpacked = settings.data_dir / DATABASE
+    try:
+        with dump_restore.loaded(unpacked, settings.url) as held:
+            if dict(held.rows) != manifest["rows"]:
+                raise ConflictError(
+                    f"{source}: expected {manifest['rows']} rows, got {dict(held.rows)}"
+                )
+            unpacked.unlink()
+            yield
+    except dump_restore.DumpError as error:
+        raise ConflictError(str(error)) from error
+
+
+def _manifest(archive: zipfile.ZipFile, source: Path) -> dict[str, Any]:
+    try:
+        manifest: dict[str, Any] = json.loads(archive.read(MANIFEST))
+        form = manifest["format"]
+    except (KeyError, TypeError, ValueError):
+        raise ConflictError(f"expected a backup, and {source} has no manifest of one") from None
+    if form != FORMAT:
+        raise ConflictError(f"expected a backup of format {FORMAT}, got {form!r}: use newer code")
+    return manifest
+
+
+def _backup(manifest: dict[str, Any]) -> Backup:
+    files = manifest["files"].values()
+    elsewhere = manifest.get("elsewhere") or {"store": "", "files": ()}
+    return Backup(
+        made_at=datetime.fromisoformat(manifest["made_at"]),
+        schema=manifest["schema"],
+        rows=manifest["rows"],
+        files=len(files) - 1,
+        bytes=sum(file["bytes"] for file in files),
+        store=elsewhere["store"],
+        elsewhere=len(elsewhere["files"]),
+    )

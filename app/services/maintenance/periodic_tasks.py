@@ -1,0 +1,113 @@
+"""The periodic tasks of a server: one table of what is done how often, and one thread that does it.
+
+A task that fails is logged and tried again when it is next due; the others are not affected.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import partial
+
+from sqlalchemy.exc import SQLAlchemyError
+
+from app.services.context import AppContext
+from app.services.ethics import bundle
+from app.services.studies import deleted_studies, orphaned_videos
+from app.storage.advisory_lock import Alone, alone
+
+from . import abandoned_sessions, evict_deleted_trials, expired_drafts, partial_files, retention
+
+log = logging.getLogger(__name__)
+
+#: Asked between two steps of a task: True ends it, and its next run goes on.
+Stop = Callable[[], bool]
+
+HOUR_S = 3600.0
+
+
+@dataclass(frozen=True)
+class Task:
+    """name: completes the sentence "deleted 3 ...". run: returns how many it dealt with."""
+
+    name: str
+    period_s: float
+    run: Callable[[AppContext, Stop], int]
+
+
+#: Done by every process, for its own memory and its own machine's folders.
+OF_EACH_PROCESS = (
+    Task(
+        "deleted trials from memory", 60.0, lambda app, _: evict_deleted_trials.forget_deleted(app)
+    ),
+    Task("unfinished videos", HOUR_S, partial_files.sweep),
+)
+#: Done by one server or worker at a time, for all of them.
+OF_THE_STUDIO = (
+    Task("rows and ids that were due by a retention rule", HOUR_S, retention.delete_due),
+    Task("sessions without consent", HOUR_S, abandoned_sessions.sweep),
+    Task("abandoned drafts", HOUR_S, expired_drafts.sweep),
+    Task("videos of no study", HOUR_S, orphaned_videos.sweep),
+    Task("sessions of deleted studies", HOUR_S, lambda app, _: deleted_studies.sweep(app)),
+    Task("old failure counts", HOUR_S, lambda app, _: app.faults.delete_old()),
+    Task("expired ethics bundles", HOUR_S, bundle.sweep),
+)
+
+
+def run_all(app: AppContext, stop: Stop = lambda: False) -> None:
+    """Run all tasks of the studio now, unless another server or worker is running them."""
+    try:
+        with alone(app.database, Alone.RETENTION) as is_alone:
+            if is_alone:
+                for task in OF_THE_STUDIO:
+                    _run(app, task, stop)
+    except SQLAlchemyError:
+        log.exception("whether another server runs the periodic tasks could not be asked")
+
+
+@contextmanager
+def running(app: AppContext, *, of_the_studio: bool) -> Iterator[None]:
+    """Within this, a thread runs the tasks: at once, and then each after its period.
+
+    of_the_studio: whether those are run here that one process does for all. The end waits for the
+    task that is under way, since the database is closed then.
+    """
+    stopping = threading.Event()
+    rounds: list[tuple[float, Callable[[], None]]] = [
+        (task.period_s, partial(_run, app, task, stopping.is_set)) for task in OF_EACH_PROCESS
+    ]
+    if of_the_studio:
+        rounds.append((HOUR_S, partial(run_all, app, stopping.is_set)))
+    thread = threading.Thread(
+        target=_repeat, args=(rounds, stopping), name="periodic tasks", daemon=True
+    )
+    thread.start()
+    try:
+        yield
+    finally:
+        stopping.set()
+        thread.join()
+
+
+def _repeat(rounds: Sequence[tuple[float, Callable[[], None]]], stopping: threading.Event) -> None:
+    due = [0.0] * len(rounds)
+    while not stopping.is_set():
+        for index, (period_s, run) in enumerate(rounds):
+            if time.monotonic() >= due[index] and not stopping.is_set():
+                run()
+                due[index] = time.monotonic() + period_s
+        stopping.wait(max(min(due) - time.monotonic(), 0))
+
+
+def _run(app: AppContext, task: Task, stop: Stop) -> None:
+    try:
+        number = task.run(app, stop)
+    except Exception:
+        log.exception("deleting %s failed, and is tried again", task.name)
+    else:
+        if number:
+            log.info("deleted %d %s", number, task.name)

@@ -1,0 +1,48 @@
+"""Deleting again, in a restored database, what was deleted after its backup was made."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from sqlalchemy import delete, select
+
+from app.services import deletion_log
+from app.services.context import AppContext
+from app.services.deletion_log import Deleted
+from app.services.sessions import deletion
+from app.services.studies import deleted_studies, repository
+from app.storage.models.studies import Identity, SessionRow, Study
+
+
+def apply(app: AppContext, lines: Iterable[Deleted]) -> int:
+    """Delete what the ledger names and the database holds; how many deletions that were."""
+    by_key = {(line.what, line.key): line for line in lines}
+    done = 0
+    with app.database.write() as db:
+        for study in db.scalars(select(Study)).all():
+            key = deletion_log.study_key(study.slug, study.created_at)
+            if line := by_key.get((deletion_log.STUDY, key)):
+                deleted_studies.note(db, study, line.day)
+                repository.delete_row(db, study)
+                done += 1
+        kept = db.execute(select(SessionRow.id, SessionRow.token_hash)).all()
+        for row_id, token_hash in kept:
+            key = deletion_log.session_key(token_hash)
+            if line := by_key.get((deletion_log.WISH, key)) or by_key.get(
+                (deletion_log.RETENTION, key)
+            ):
+                session = db.get(SessionRow, row_id)
+                # A person's first session may have taken this one with it.
+                if session is not None:
+                    reason: deletion.Reason = (
+                        "wish" if line.what == deletion_log.WISH else "retention"
+                    )
+                    deletion.delete_session(app, db, session, reason, line.day)
+                    db.expire_all()
+                    done += 1
+            elif (deletion_log.IDENTITIES, key) in by_key:
+                person = db.get_one(SessionRow, row_id).participant_id
+                db.execute(delete(Identity).where(Identity.participant_id == person))
+                done += 1
+    app.database.scrub()
+    return done

@@ -1,0 +1,249 @@
+"""How far a session's answers can be relied on: flags, defined once for pages and exports.
+
+A flag says that somebody should look, and nothing more: no session is left out because of one.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter, defaultdict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from enum import StrEnum
+from itertools import groupby
+from operator import itemgetter
+from types import MappingProxyType
+from typing import Any, Final
+from weakref import WeakKeyDictionary
+
+from sqlalchemy import ColumnElement, case, func, select
+from sqlalchemy.orm import Session
+
+from app.storage.models.studies import Event, QueryRow, Response, SessionRow, Trial
+
+from .check_outcomes import check_outcomes
+
+
+class Flag(StrEnum):
+    """What was noticed."""
+
+    FAST = "fast"
+    ONE_SIDED = "one-sided"
+    FAILED_CHECKS = "failed-checks"
+    UNWATCHED = "unwatched"
+    FAULTS = "faults"
+
+
+#: Two videos have hardly begun to differ by then, and a choice takes some 300 ms by itself.
+FAST_MS: Final = 1_500
+#: One in four happens to nobody who looks at the videos.
+FAST_SHARE: Final = 0.25
+#: Of ten choices at random, nine or more on one side come in 2 sessions of 100.
+ONE_SIDED_SHARE: Final = 0.9
+FAILED_SHARE: Final = 0.25
+#: Less than half of a video was seen, in one answer of four.
+WATCHED_PART: Final = 0.5
+UNWATCHED_SHARE: Final = 0.25
+#: With fewer answers, or fewer checks, a share says nothing.
+FEWEST_ANSWERS: Final = 10
+FEWEST_CHECKS: Final = 2
+
+LABELS: Final[Mapping[Flag, str]] = MappingProxyType(
+    {
+        Flag.FAST: "Fast answers",
+        Flag.ONE_SIDED: "One-sided answers",
+        Flag.FAILED_CHECKS: "Failed checks",
+        Flag.UNWATCHED: "Unwatched videos",
+        Flag.FAULTS: "Technical faults",
+    }
+)
+#: When each is raised, for those who read it.
+RULES: Final[Mapping[Flag, str]] = MappingProxyType(
+    {
+        Flag.FAST: f"{FAST_SHARE:.0%} of the answers or more came within {FAST_MS / 1000:g} s of"
+        f" both videos having begun; from {FEWEST_ANSWERS} answers on.",
+        Flag.ONE_SIDED: f"{ONE_SIDED_SHARE:.0%} of the choices or more were on one side;"
+        f" from {FEWEST_ANSWERS} choices on. Skips do not count.",
+        Flag.FAILED_CHECKS: f"More than {FAILED_SHARE:.0%} of the attention checks were failed,"
+        f" or more than half of the repeats were answered differently; from {FEWEST_CHECKS} on.",
+        Flag.UNWATCHED: f"In {UNWATCHED_SHARE:.0%} of the answers or more, less than half of one"
+        f" of the videos had been played; from {FEWEST_ANSWERS} answers on.",
+        Flag.FAULTS: "At least one pair was set aside because a video did not play.",
+    }
+)
+
+#: What the server adds when what was seen so far does not belong to the answer that stays.
+_CLOSINGS: Final = ("set_aside", "undone")
+_WATCHED: Final = "watched"
+#: Rows fetched at a time.
+_BATCH: Final = 1_000
+#: Sessions whose watching is remembered, for each database.
+_MOST_KNOWN: Final = 50_000
+_Known = dict[int, tuple[tuple[datetime, int, int], int, int]]
+_KNOWN: WeakKeyDictionary[Any, _Known] = WeakKeyDictionary()
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What is counted of one session's trials, the practice left out."""
+
+    answers: int = 0
+    timed: int = 0
+    fast: int = 0
+    left: int = 0
+    right: int = 0
+    attention: int = 0
+    attention_failed: int = 0
+    repeats: int = 0
+    repeats_failed: int = 0
+    told: int = 0
+    unwatched: int = 0
+    set_aside: int = 0
+
+
+def flags_of(evidence: Evidence) -> tuple[Flag, ...]:
+    """The flags that this evidence raises, in their order."""
+    choices = evidence.left + evidence.right
+    raised = {
+        Flag.FAST: _share(evidence.fast, evidence.timed, FEWEST_ANSWERS) >= FAST_SHARE,
+        Flag.ONE_SIDED: _share(max(evidence.left, evidence.right), choices, FEWEST_ANSWERS)
+        >= ONE_SIDED_SHARE,
+        Flag.FAILED_CHECKS: _share(evidence.attention_failed, evidence.attention, FEWEST_CHECKS)
+        > FAILED_SHARE
+        or _share(evidence.repeats_failed, evidence.repeats, FEWEST_CHECKS) > 0.5,
+        Flag.UNWATCHED: _share(evidence.unwatched, evidence.told, FEWEST_ANSWERS)
+        >= UNWATCHED_SHARE,
+        Flag.FAULTS: evidence.set_aside > 0,
+    }
+    return tuple(flag for flag in Flag if raised[flag])
+
+
+def flags(db: Session, study_id: int, modes: Sequence[str]) -> Mapping[int, tuple[Flag, ...]]:
+    """The flags of each session of a study in these modes, by its key in the database.
+
+    A session that nothing is known of is not in it.
+    """
+    of = (SessionRow.study_id == study_id, SessionRow.mode.in_(modes))
+    counted: dict[int, Counter[str]] = defaultdict(Counter)
+    for part in (_answers, _checks, _faults, _watching):
+        part(db, of, counted)
+    return {key: flags_of(Evidence(**found)) for key, found in counted.items()}
+
+
+_Of = tuple[ColumnElement[bool], ...]
+_Counted = dict[int, Counter[str]]
+
+
+def _answers(db: Session, of: _Of, counted: _Counted) -> None:
+    statement = (
+        select(
+            Trial.session_id,
+            func.count(Response.id).label("answers"),
+            func.count(Response.rt_ms).label("timed"),
+            func.sum(case((Response.rt_ms < FAST_MS, 1), else_=0)).label("fast"),
+            func.sum(case((Response.response == "left", 1), else_=0)).label("left"),
+            func.sum(case((Response.response == "right", 1), else_=0)).label("right"),
+        )
+        .select_from(SessionRow)
+        .join(Trial, Trial.session_id == SessionRow.id)
+        .join(QueryRow, QueryRow.trial_id == Trial.id)
+        .join(Response, Response.query_id == QueryRow.id)
+        .where(Trial.trial_index >= 0, *of)
+        .group_by(Trial.session_id)
+    )
+    for row in db.execute(statement).mappings():
+        numbers = {name: int(value) for name, value in row.items() if name != "session_id"}
+        counted[row["session_id"]].update(numbers)
+
+
+def _checks(db: Session, of: _Of, counted: _Counted) -> None:
+    for outcome in check_outcomes(db, *of):
+        if outcome.passed is not None:
+            name = "repeats" if outcome.repeats is not None else "attention"
+            counted[outcome.session_key][name] += 1
+            counted[outcome.session_key][f"{name}_failed"] += not outcome.passed
+
+
+def _watching(db: Session, of: _Of, counted: _Counted) -> None:
+    """What the browser last told, at each place, of how much of each video was played.
+
+    A session has a thousand events, and a page that follows a study asks every second: what was
+    counted is kept for as long as nothing happens in the session.
+    """
+    known = _KNOWN.setdefault(db.get_bind(), {})
+    if len(known) > _MOST_KNOWN:
+        known.clear()
+    now = {
+        key: (last_seen_at, counted[key]["answers"], counted[key]["set_aside"])
+        for key, last_seen_at in db.execute(
+            select(SessionRow.id, SessionRow.last_seen_at).where(*of)
+        )
+    }
+    changed = [key for key, at in now.items() if key not in known or known[key][0] != at]
+    for start in range(0, len(changed), _BATCH):
+        part = changed[start : start + _BATCH]
+        found = _watched(db, part)
+        known |= {key: (now[key], *found.get(key, (0, 0))) for key in part}
+    for key in now:
+        _, told, unwatched = known.get(key, (None, 0, 0))
+        counted[key].update(told=told, unwatched=unwatched)
+
+
+def _watched(db: Session, keys: Sequence[int]) -> dict[int, tuple[int, int]]:
+    """By session: of how many answered places anything was told, and how many were unwatched."""
+    told: Any = db.execute(
+        select(
+            Event.session_id,
+            Event.trial_index,
+            Event.query_index,
+            Event.event,
+            Event.side,
+            Event.value,
+        )
+        .where(
+            Event.session_id.in_(keys),
+            Event.event.in_((_WATCHED, *_CLOSINGS)),
+            Event.trial_index >= 0,
+        )
+        .order_by(Event.session_id, Event.id)
+        .execution_options(yield_per=_BATCH)
+    )
+    found: dict[int, tuple[int, int]] = {}
+    for session_key, rows in groupby(told, key=itemgetter(0)):
+        seen: dict[tuple[int, int], dict[str | None, float]] = {}
+        for _, trial, query, event, side, value in rows:
+            if event != _WATCHED:
+                # What came before it does not belong to the answer that stays.
+                seen.pop((trial, query), None)
+            elif (part := _part(value)) is not None:
+                seen.setdefault((trial, query), {})[side] = part
+        unwatched = sum(min(parts.values()) < WATCHED_PART for parts in seen.values())
+        found[session_key] = (len(seen), unwatched)
+    return found
+
+
+def _faults(db: Session, of: _Of, counted: _Counted) -> None:
+    statement = (
+        select(Trial.session_id, func.count(QueryRow.id))
+        .select_from(SessionRow)
+        .join(Trial, Trial.session_id == SessionRow.id)
+        .join(QueryRow, QueryRow.trial_id == Trial.id)
+        .where(QueryRow.set_aside_at.is_not(None), Trial.trial_index >= 0, *of)
+        .group_by(Trial.session_id)
+    )
+    for key, number in db.execute(statement):
+        counted[key]["set_aside"] += number
+
+
+def _share(part: int, whole: int, fewest: int) -> float:
+    return part / whole if whole >= fewest else 0.0
+
+
+def _part(value: str | None) -> float | None:
+    """A part from 0 to 1; any program may have sent any text."""
+    try:
+        part = float(value or "")
+    except ValueError:
+        return None
+    return part if math.isfinite(part) else None

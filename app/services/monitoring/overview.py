@@ -1,0 +1,92 @@
+"""All that a study's own page shows, read at one moment."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from statistics import median
+
+from app.services.arrival import decline_counter
+from app.services.context import AppContext
+from app.services.sessions.state_view import ENDED
+from app.services.studies.repository import StudyInfo
+from app.services.studies.session_modes import ALL
+from app.study.reward import Reward
+
+from . import session_list
+from .change_token import stamp
+from .conditions import ConditionLine, conditions
+from .funnel import Step, funnel
+from .incidents import Incident, troubles
+from .session_list import SessionLine
+
+
+@dataclass(frozen=True)
+class Pay:
+    """What one session is worth, and what that came to per hour at the median; None: nobody yet."""
+
+    amount: float
+    currency: str
+    per_hour: float | None
+
+
+@dataclass(frozen=True)
+class Overview:
+    """A study as it stands. minutes: the median of completed sessions, from start to end."""
+
+    stamp: str
+    counts: Mapping[str, int]
+    steps: tuple[Step, ...]
+    conditions: Sequence[ConditionLine]
+    sessions: Sequence[SessionLine]
+    minutes: float | None
+    pay: Pay | None
+    troubles: Sequence[Incident]
+
+
+def modes_of(mode: str) -> tuple[str, ...]:
+    """The modes that a page's choice stands for."""
+    return ALL if mode == "all" else (mode,)
+
+
+def overview(app: AppContext, study: StudyInfo, mode: str) -> Overview:
+    """The study's sessions in a mode (live, preview, pilot, simulated, all)."""
+    modes = modes_of(mode)
+    # The stamp first: what changes meanwhile shows as a change afterwards.
+    now = stamp(app, study.id, modes, study.plan.lease_minutes)
+    lines = session_list.sessions(app, study, modes)
+    stages = [line.stage for line in lines]
+    ended = {stage: stages.count(stage) for stage in ENDED}
+    minutes = median_minutes(lines)
+    reward = study.plan.reward
+    deleted = session_list.deleted(app, study.id, modes)
+    declined = decline_counter.counted(app, study.id, modes)
+    return Overview(
+        stamp=now,
+        counts={
+            "active": len(lines) - sum(ended.values()),
+            **ended,
+            "declined": ended["declined"] + declined,
+            "deleted": deleted,
+        },
+        steps=funnel(lines, deleted + declined),
+        conditions=conditions(app, study, modes),
+        sessions=lines,
+        minutes=minutes,
+        pay=None if reward is None else _pay(reward, minutes),
+        troubles=troubles(app, study),
+    )
+
+
+def _pay(reward: Reward, minutes: float | None) -> Pay:
+    return Pay(reward.amount, reward.currency, reward.per_hour(minutes) if minutes else None)
+
+
+def median_minutes(lines: Sequence[SessionLine]) -> float | None:
+    """Of the completed sessions, from start to end, breaks and absences included."""
+    minutes = [
+        (line.ended_at - line.started_at).total_seconds() / 60
+        for line in lines
+        if line.presence == "completed" and line.ended_at is not None
+    ]
+    return median(minutes) if minutes else None

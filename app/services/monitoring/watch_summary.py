@@ -1,0 +1,62 @@
+"""How one pair was watched, summed up from what its browser told: for exports and session pages."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+
+from app.storage.models.studies import Event
+
+#: A cell of the summary.
+Value = str | float | int | bool | None
+
+#: What the server adds when what was seen so far does not belong to the answer that stays.
+CLOSINGS = frozenset({"set_aside", "undone"})
+
+
+def summary(events: Sequence[Event]) -> tuple[Value, ...]:
+    """The columns after the place; all empty where the browser told nothing. In their order."""
+    closed = [place for place, event in enumerate(events) if event.event in CLOSINGS]
+    events = events[closed[-1] + 1 :] if closed else events
+    if not events:
+        return (None,) * 12
+
+    def of(name: str, side: str | None = None) -> list[Event]:
+        return [event for event in events if event.event == name and side in (None, event.side)]
+
+    return (
+        _whole(_last(of("replays")), len(of("replay"))),
+        _last(of("watched", "left")),
+        _last(of("watched", "right")),
+        _whole(_total(_last(of("dropped_frames", side)) for side in ("left", "right"))),
+        len(of("stall")),
+        _last(of("start_skew")),
+        _last(of("worst_drift")),
+        _last(of("width", "left")),
+        _last(of("width", "right")),
+        bool(of("hidden")),
+        bool(of("blur")),
+        any(_number(event.value) == 1 for event in of("fullscreen")),
+    )
+
+
+def _number(value: str | None) -> float | None:
+    """An event's value as a number; any program may have sent any text."""
+    try:
+        number = float(value or "")
+    except ValueError:
+        return None
+    return number if math.isfinite(number) else None
+
+
+def _last(events: Sequence[Event]) -> float | None:
+    return _number(events[-1].value) if events else None
+
+
+def _total(numbers: Iterable[float | None]) -> float | None:
+    told = [number for number in numbers if number is not None]
+    return sum(told) if told else None
+
+
+def _whole(number: float | None, otherwise: int | None = None) -> Value:
+    return otherwise if number is None else int(number)

@@ -1,0 +1,81 @@
+"""Attention checks: a recording known to be bad against one known to be good.
+
+Which are known is said by the plan, as candidates, or else by the recordings' scores.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+
+import numpy as np
+
+from app.study.attention_checks import CandidatePoint, Kind
+
+from .proposer import Clip, ProposedQuery, Space, TrialSpec
+
+#: Without named candidates, the best and the worst tenth of the scored recordings are known.
+KNOWN_BY_SCORE = 0.1
+
+#: What stands in `acquisition`: on which side the good one is.
+GOOD_SIDE = {"left": "good-left", "right": "good-right"}
+
+_Known = Sequence[tuple[int, Clip]]
+
+
+def attention(
+    space: Space,
+    trial: TrialSpec,
+    place: int,
+    rng: np.random.Generator,
+    usable: Callable[[Clip], bool] = lambda _: True,
+) -> ProposedQuery | None:
+    """An attention check at this place; None if no two recordings can be set against each other."""
+    good, bad = (
+        [(candidate, clip) for candidate, clip in known if usable(clip)]
+        for known in known_ends(space, trial)
+    )
+    pairs = [(best, worst) for best in good for worst in bad if best[0] != worst[0]]
+    if not pairs:
+        return None
+    best, worst = pairs[int(rng.integers(len(pairs)))]
+    side = ("left", "right")[int(rng.integers(2))]
+    left, right = (best, worst) if side == "left" else (worst, best)
+    return ProposedQuery(
+        query_index=place,
+        trial_type=Kind.ATTENTION.value,
+        left_candidate=left[0],
+        right_candidate=right[0],
+        left=left[1],
+        right=right[1],
+        acquisition=GOOD_SIDE[side],
+        seed=trial.seed,
+        engine_version=trial.engine_version,
+        likelier=side,
+    )
+
+
+def known_ends(space: Space, trial: TrialSpec) -> tuple[_Known, _Known]:
+    """The recordings known to be good, and those known to be bad, each with its candidate."""
+    if trial.checks.good:
+        good, bad = trial.checks.good, trial.checks.bad
+        return list(_of(space, trial, good)), list(_of(space, trial, bad))
+    scored = sorted(
+        (clip.score, candidate, place)
+        for candidate, clips in enumerate(space.clips)
+        for place, clip in enumerate(clips)
+        if clip.score is not None
+    )
+    some = max(1, round(len(scored) * KNOWN_BY_SCORE))
+    ends = (scored[-some:], scored[:some])
+    known = [[(candidate, space.clips[candidate][at]) for _, candidate, at in end] for end in ends]
+    return known[0], known[1]
+
+
+def _of(
+    space: Space, trial: TrialSpec, points: Sequence[CandidatePoint]
+) -> Iterator[tuple[int, Clip]]:
+    for point in points:
+        wanted = [point[name] for name in space.parameters]
+        for candidate in np.flatnonzero(np.isclose(space.candidates, wanted).all(axis=1)):
+            for clip in space.clips[int(candidate)]:
+                yield int(candidate), clip

@@ -1,0 +1,261 @@
+"""From findings to charts, by the definitions of app.figures: for page, file and report alike."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from types import MappingProxyType
+from typing import Any, Final
+
+from app.figures import bands, counts, intervals, maps, paths, side, slices, strips, violins
+from app.services.studies.repository import StudyInfo
+from app.study.plan import Parameter
+
+from .result import Found, Row
+
+#: Any Altair chart.
+Chart = Any
+
+
+def draw(name: str, found: Found, study: StudyInfo) -> Chart:
+    """The chart of a finding that has rows."""
+    return _DRAWN[name](found, study)
+
+
+def axis_title(parameter: Parameter, study: StudyInfo) -> str:
+    """A parameter as an axis names it: its label, else its name, and its unit."""
+    plan = study.plan
+    label = plan.text(parameter.label, plan.default_language) if parameter.label else parameter.name
+    named = label if label == parameter.name else f"{parameter.name}: {label.lower()}"
+    return f"{named} ({parameter.unit})" if parameter.unit else named
+
+
+def _conditions(rows: Sequence[Row], study: StudyInfo) -> list[str]:
+    """The conditions that the rows name: in the order of the plan, earlier ones after them."""
+    present = dict.fromkeys(row["condition"] for row in rows)
+    planned = [condition.name for condition in study.plan.conditions]
+    known = [name for name in planned if name in present]
+    return known + [name for name in present if name not in known]
+
+
+def _on_w(found: Found, study: StudyInfo) -> Chart:
+    parameters = study.plan.parameters
+    if len(parameters) != 2:
+        return strips(
+            [
+                {
+                    "panel": axis_title(parameter, study),
+                    "group": row["condition"],
+                    "value": row[parameter.name],
+                }
+                for parameter in parameters
+                for row in found.rows
+            ]
+        )
+    points: Mapping[tuple[str, int], Sequence[float]] = found.extra["points"]
+    across, up = (
+        side(p.name, axis_title(p, study), [at[place] for at in points.values()])
+        for place, p in enumerate(parameters)
+    )
+    ground: list[Row] = []
+    dots: list[Row] = []
+    for condition in _conditions(found.rows, study):
+        rows = [row for row in found.rows if row["condition"] == condition]
+        environment = rows[0]["environment"]
+        ground += [
+            {
+                "panel": condition,
+                across.column: points[key][0],
+                up.column: points[key][1],
+                "value": value,
+            }
+            for key, value in found.extra["ground"].items()
+            if key[0] == environment
+        ]
+        dots += [
+            {"panel": condition, across.column: row[across.column], up.column: row[up.column]}
+            for row in rows
+        ]
+    return maps(
+        ground,
+        points=dots,
+        sides=(across, up),
+        value_title=found.extra["ground_title"],
+        value_format=".3~g",
+    )
+
+
+def _scores(found: Found, study: StudyInfo) -> Chart:
+    rows = [
+        {
+            "panel": row["environment"],
+            "group": row["answers"],
+            "method": row["condition"],
+            "value": row["score"],
+        }
+        for row in sorted(found.rows, key=lambda row: row["answers"])
+    ]
+    return violins(
+        rows,
+        methods=_conditions(found.rows, study),
+        stars=found.extra["tests"],
+        x_title="answers that the method learned from",
+        y_title="mean score of what was acquired",
+    )
+
+
+def _skips(found: Found, _study: StudyInfo) -> Chart:
+    rows = sorted(found.rows, key=lambda row: row["skips"])
+    return counts(
+        [
+            {"panel": row["condition"], "person": row["participant_id"], "count": row["skips"]}
+            for row in rows
+        ]
+    )
+
+
+def _times(found: Found, study: StudyInfo) -> Chart:
+    return bands(
+        [
+            {
+                "panel": "",
+                "method": row["condition"],
+                "query": row["query_index"] + 1,
+                "value": row["rt_ms"] / 1000,
+            }
+            for row in found.rows
+        ],
+        methods=_conditions(found.rows, study),
+        x_title="query of the trial",
+        y_title="seconds to the answer",
+    )
+
+
+def _dots(
+    x_title: str, y_title: str, panel: str, name: Callable[[Row], str], value: str, number: str
+) -> Callable[[Found, StudyInfo], Chart]:
+    def drawn(found: Found, _study: StudyInfo) -> Chart:
+        rows = [
+            {
+                "panel": row.get(panel, ""),
+                "name": name(row),
+                "value": row[value],
+                "low": row["low"],
+                "high": row["high"],
+                "number": row[number],
+            }
+            for row in found.rows
+        ]
+        return intervals(rows, x_title=x_title, y_title=y_title, reference=0.5)
+
+    return drawn
+
+
+def _path(found: Found, study: StudyInfo) -> Chart:
+    return paths(
+        [
+            {
+                "panel": axis_title(parameter, study),
+                "query": row["query_index"] + 1,
+                "value": row[parameter.name],
+            }
+            for parameter in study.plan.parameters
+            for row in found.rows
+        ],
+        x_title="answers",
+    )
+
+
+def _posterior(found: Found, study: StudyInfo) -> Chart:
+    """Two maps where W is a plane; else slices, the mean over all other parameters."""
+    parameters = study.plan.parameters
+    best = found.rows[found.extra["best"]]
+    shown = [row for row in found.rows if row["times_shown"]]
+    if len(parameters) != 2:
+        titles = {p.name: axis_title(p, study) for p in parameters}
+        return slices(
+            [row for name, title in titles.items() for row in _along(found.rows, name, title)],
+            points=[
+                {"panel": title, "value": row[name]}
+                for name, title in titles.items()
+                for row in shown
+            ],
+            optimum=[{"panel": title, "value": best[name]} for name, title in titles.items()],
+        )
+    across, up = (
+        side(p.name, axis_title(p, study), [row[p.name] for row in found.rows]) for p in parameters
+    )
+    panels = {"Posterior mean": "posterior_mean", "Its uncertainty": "posterior_std"}
+
+    def placed(row: Row, panel: str) -> Row:
+        return {"panel": panel, across.column: row[across.column], up.column: row[up.column]}
+
+    return maps(
+        [
+            {**placed(row, panel), "value": row[column]}
+            for panel, column in panels.items()
+            for row in found.rows
+        ],
+        points=[
+            placed(row, panel)
+            for panel in panels
+            for row in shown
+            for _ in range(row["times_shown"])
+        ],
+        optimum=[placed(best, panel) for panel in panels],
+        columns=2,
+        size=175,
+        sides=(across, up),
+        value_title="",
+        value_format=".3~g",
+        shared=False,
+    )
+
+
+def _along(rows: Sequence[Row], name: str, title: str) -> list[Row]:
+    means: dict[float, list[Row]] = {}
+    for row in rows:
+        means.setdefault(row[name], []).append(row)
+    found: list[Row] = []
+    for value, there in means.items():
+        mean = sum(row["posterior_mean"] for row in there) / len(there)
+        std = sum(row["posterior_std"] for row in there) / len(there)
+        found.append(
+            {"panel": title, "value": value, "mean": mean, "low": mean - std, "high": mean + std}
+        )
+    return found
+
+
+_DRAWN: Final[Mapping[str, Callable[[Found, StudyInfo], Chart]]] = MappingProxyType(
+    {
+        "acquired-on-w": _on_w,
+        "acquired-scores": _scores,
+        "win-rates": _dots(
+            "wins against the average",
+            "candidate",
+            "environment",
+            lambda row: str(row["candidate"]),
+            "win_rate",
+            "comparisons",
+        ),
+        "skips": _skips,
+        "response-times": _times,
+        "sides": _dots(
+            "share of choices on the left",
+            "session",
+            "",
+            lambda row: str(row["session_id"]),
+            "share_left",
+            "choices",
+        ),
+        "repeats": _dots(
+            "answered alike",
+            "condition",
+            "",
+            lambda row: str(row["condition"]),
+            "agreement",
+            "repeats",
+        ),
+        "path": _path,
+        "posterior": _posterior,
+    }
+)

@@ -1,0 +1,124 @@
+"""What findings are worked out from, read plainly: answers and acquired candidates."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any, Final, NamedTuple
+
+from sqlalchemy import Select, select
+from sqlalchemy.orm import Session
+
+from app.services.export.table import Request, trials_of
+from app.services.proposals.trial_schedule import FILLER
+from app.storage.models.studies import Acquired, Participant, QueryRow, Response, SessionRow, Trial
+from app.study.attention_checks import Kind
+
+_BATCH = 1_000
+
+#: Types of pairs that are no queries of the method.
+CHECKS: Final = (Kind.REPEAT.value, Kind.ATTENTION.value, FILLER)
+
+
+class Answer(NamedTuple):
+    """One answered query of a trial; the practice is left out."""
+
+    session: str
+    participant: str
+    trial: int
+    condition: str
+    environment: str
+    query: int
+    trial_type: str
+    left: int
+    right: int
+    response: str
+    rt_ms: float | None
+
+    @property
+    def is_check(self) -> bool:
+        """Whether the pair was no query of the method: a check, or what stood in for one."""
+        return self.trial_type in CHECKS
+
+
+class Holding(NamedTuple):
+    """The acquired candidate after one response that taught.
+
+    learned: how many responses of the trial had taught by then, this one included. Responses to
+    checks teach nothing and are not in it, unless the plan has the model learn from checks.
+    """
+
+    session: str
+    participant: str
+    trial: int
+    condition: str
+    environment: str
+    finished: bool
+    query: int
+    candidate: int
+    learned: int
+
+
+def answers(db: Session, request: Request) -> Iterator[Answer]:
+    """In the order of sessions, trials and queries."""
+    statement = (
+        _of_trials(
+            request,
+            QueryRow.query_index,
+            QueryRow.trial_type,
+            QueryRow.left_candidate,
+            QueryRow.right_candidate,
+            Response.response,
+            Response.rt_ms,
+        )
+        .join(QueryRow, QueryRow.trial_id == Trial.id)
+        .join(Response, Response.query_id == QueryRow.id)
+        .order_by(QueryRow.query_index)
+    )
+    for row in db.execute(statement):
+        yield Answer(*row)
+
+
+def holdings(db: Session, request: Request) -> Iterator[Holding]:
+    """The acquired candidates, in the order of sessions, trials and queries."""
+    statement = (
+        _of_trials(request, Trial.ended_at.is_not(None), Acquired.query_index, Acquired.candidate)
+        .join(Acquired, Acquired.trial_id == Trial.id)
+        .order_by(Acquired.query_index)
+    )
+    trial, learned = ("", -1), 0
+    for row in db.execute(statement):
+        # Each response that taught has one row, in order.
+        session_id, participant, index, condition, environment, finished, query, candidate = row
+        learned = learned + 1 if trial == (session_id, index) else 1
+        trial = session_id, index
+        yield Holding(
+            session_id,
+            participant,
+            index,
+            condition,
+            environment,
+            finished,
+            query,
+            candidate,
+            learned,
+        )
+
+
+def _of_trials(request: Request, *columns: Any) -> Select[Any]:
+    """Who, which trial and under what, then `columns`: a row for each of what is joined to it."""
+    return (
+        select(
+            SessionRow.public_id,
+            Participant.pseudonym,
+            Trial.trial_index,
+            Trial.condition,
+            Trial.environment,
+            *columns,
+        )
+        .select_from(SessionRow)
+        .join(Participant, SessionRow.participant_id == Participant.id)
+        .join(Trial, Trial.session_id == SessionRow.id)
+        .where(Trial.trial_index >= 0, *trials_of(request))
+        .order_by(SessionRow.id, Trial.trial_index)
+        .execution_options(yield_per=_BATCH)
+    )

@@ -1,0 +1,74 @@
+"""The findings across sessions, by name: what each is called and how its table is read."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Final
+
+from sqlalchemy.orm import Session
+
+from app.services.context import AppContext
+from app.services.export.table import Request
+
+from . import acquired, response_behaviour, win_rates
+from .result import Found
+
+
+@dataclass(frozen=True)
+class Finding:
+    """title: as the page says it. about: what is seen, in a sentence."""
+
+    title: str
+    about: str
+    read: Callable[[Session, Request], Found]
+
+
+FINDINGS: Final[Mapping[str, Finding]] = MappingProxyType(
+    {
+        "acquired-on-w": Finding(
+            "What was acquired",
+            "The candidate that each finished trial ended with, per condition.",
+            acquired.on_w,
+        ),
+        "acquired-scores": Finding(
+            "Scores of what was acquired",
+            "Per condition after 10, 20 and 30 answers that the method learned from, and at the end"
+            " of a trial; a violin is one condition's trials. Stars: * p < .05, ** p < .01,"
+            " two-sample t-tests as in the paper, uncorrected.",
+            acquired.scores_acquired,
+        ),
+        "win-rates": Finding(
+            "Win rates",
+            "How often the candidates that were compared most win against the average of all.",
+            win_rates.rates,
+        ),
+        "skips": Finding(
+            "Skips per evaluator",
+            "A bar is an evaluator's mean, a dot one trial.",
+            response_behaviour.skips,
+        ),
+        "response-times": Finding(
+            "Response times",
+            "From both videos having begun to the answer: the median, and the middle half.",
+            response_behaviour.response_times,
+        ),
+        "sides": Finding(
+            "Left and right",
+            "Each evaluator's share of choices on the left, with its 95 % interval.",
+            response_behaviour.sides,
+        ),
+        "repeats": Finding(
+            "Agreement on repeats",
+            "How often a pair shown again with its sides swapped was answered alike.",
+            response_behaviour.repeats,
+        ),
+    }
+)
+
+
+def find(app: AppContext, request: Request, name: str) -> Found:
+    """One finding, read now. `name` is one of FINDINGS."""
+    with app.database.read() as db:
+        return FINDINGS[name].read(db, request)

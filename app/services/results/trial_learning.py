@@ -1,0 +1,123 @@
+"""What was learnt in one trial: how the acquired candidate moved, and what the model believes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from itertools import pairwise
+from types import MappingProxyType
+from typing import Any, Final
+
+import numpy as np
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from app.services.context import AppContext
+from app.services.monitoring.session_detail import find_session
+from app.services.proposals.trial_schedule import learned
+from app.services.runtime.errors import NotFoundError
+from app.services.sessions import queries
+from app.services.studies.repository import StudyInfo
+from app.storage.models.studies import Acquired, Trial
+
+from .result import Found, Row
+
+
+def find(app: AppContext, study: StudyInfo, session_id: str, trial_index: int, name: str) -> Found:
+    """One finding of LEARNING of a trial. Raises NotFoundError if there is no such trial."""
+    with app.database.read() as db:
+        row = find_session(db, study, session_id)
+        trial = db.scalar(
+            select(Trial).where(Trial.session_id == row.id, Trial.trial_index == trial_index)
+        )
+        if trial is None or trial_index < 0:
+            raise NotFoundError(f"the session {session_id!r} has no trial {trial_index}")
+        return LEARNING[name](app, db, trial)
+
+
+def path(app: AppContext, db: Session, trial: Trial) -> Found:
+    """The acquired candidate after each answer."""
+    space = app.proposer.space(trial.session.study_id, trial.environment)
+    rows: list[Row] = [
+        {
+            "query_index": at,
+            "candidate": candidate,
+            **_point(space, candidate),
+            "posterior_mean": mean,
+            "posterior_std": std,
+        }
+        for at, candidate, mean, std in db.execute(
+            select(
+                Acquired.query_index,
+                Acquired.candidate,
+                Acquired.posterior_mean,
+                Acquired.posterior_std,
+            )
+            .where(Acquired.trial_id == trial.id)
+            .order_by(Acquired.query_index)
+        )
+    ]
+    if not rows:
+        return Found((), "Nothing is acquired before the first answer.")
+    moves = [
+        number
+        for number, (before, here) in enumerate(pairwise(rows), start=2)
+        if before["candidate"] != here["candidate"]
+    ]
+    last = f"the last time at answer {moves[-1]}" if moves else "from the first answer on"
+    says = (
+        f"Candidate {rows[-1]['candidate']} is acquired after {len(rows)} answers;"
+        f" it changed {len(moves)} times, {last}."
+        if moves
+        else f"Candidate {rows[-1]['candidate']} is acquired {last}."
+    )
+    shown = len(queries.read_record(db, trial.id))
+    if shown > len(rows):
+        says += (
+            f" Counted are answers that the model learns from: {shown - len(rows)} checks are not."
+        )
+    return Found(rows, says)
+
+
+def posterior(app: AppContext, db: Session, trial: Trial) -> Found:
+    """Posterior mean and deviation over the candidates after all answers so far."""
+    in_hand = queries.trial_spec(
+        trial.session, trial.trial_index, trial.seed, trial.queries[0].engine_version
+    )
+    space = app.proposer.space(in_hand.study_id, in_hand.environment)
+    record = queries.read_record(db, trial.id)
+    history = learned(in_hand, record)
+    belief = app.proposer.posteriors.posterior(
+        space.candidates, in_hand.method, in_hand.settings, in_hand.seed, history
+    )
+    if belief is None:
+        return Found((), f"There is no model to show: {trial.method}, {len(history)} answers.")
+    mean, std = belief
+    shown = np.zeros(len(mean), dtype=int)
+    for query in record:
+        shown[[query.left, query.right]] += 1
+    rows: list[Row] = [
+        {
+            "candidate": candidate,
+            **_point(space, candidate),
+            "posterior_mean": float(mean[candidate]),
+            "posterior_std": float(std[candidate]),
+            "times_shown": int(shown[candidate]),
+        }
+        for candidate in range(len(mean))
+    ]
+    best = int(np.argmax(mean))
+    where = ", ".join(f"{name} {value:g}" for name, value in _point(space, best).items())
+    says = (
+        f"After {len(history)} answers the mean is highest at candidate {best} ({where});"
+        f" {int((shown > 0).sum())} of {len(mean)} candidates were shown."
+    )
+    return Found(rows, says, extra={"best": best})
+
+
+def _point(space: Any, candidate: int) -> dict[str, float]:
+    return dict(zip(space.parameters, map(float, space.candidates[candidate]), strict=True))
+
+
+LEARNING: Final[Mapping[str, Callable[[AppContext, Session, Trial], Found]]] = MappingProxyType(
+    {"path": path, "posterior": posterior}
+)

@@ -1,0 +1,1 @@
+"""A participant's session: stages, queries, responses, undo, the state view, and deletion."""

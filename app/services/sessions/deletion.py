@@ -1,0 +1,96 @@
+"""Deleting what people gave: for good, with a tombstone for the count and nothing besides."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from datetime import datetime
+from typing import Literal
+
+from sqlalchemy import delete, select
+from sqlalchemy.orm import Session, selectinload
+
+from app.services import deletion_log
+from app.services.context import AppContext
+from app.storage.models.arrivals import Tombstone
+from app.storage.models.studies import Participant, SessionRow
+
+#: At the person's wish, or by the study's retention rule.
+Reason = Literal["wish", "retention"]
+
+
+def delete_person(
+    app: AppContext,
+    db: Session,
+    participant_id: int,
+    reason: Reason = "wish",
+    at: datetime | None = None,
+) -> frozenset[int]:
+    """Delete a person with all their sessions; the seeds of their trials, for `forget`.
+
+    at: when it was asked for, if that is not now.
+    """
+    rows = db.scalars(
+        select(SessionRow)
+        .where(SessionRow.participant_id == participant_id)
+        .options(selectinload(SessionRow.trials))
+    ).all()
+    seeds = _bury(app, db, rows, reason, at)
+    # Everything else hangs on the participant by foreign keys that cascade.
+    db.execute(
+        delete(Participant).where(Participant.id == participant_id),
+        execution_options={"synchronize_session": False},
+    )
+    return seeds
+
+
+def delete_session(
+    app: AppContext,
+    db: Session,
+    session: SessionRow,
+    reason: Reason,
+    at: datetime | None = None,
+) -> frozenset[int]:
+    """Delete one session; its person too if it was their only one. The seeds of its trials."""
+    # Locked: whoever comes again just now waits, and is then a person of one session.
+    db.get_one(Participant, session.participant_id, with_for_update=True)
+    others = db.scalar(
+        select(SessionRow.id)
+        .where(SessionRow.participant_id == session.participant_id, SessionRow.id != session.id)
+        .limit(1)
+    )
+    if others is None:
+        return delete_person(app, db, session.participant_id, reason, at)
+    seeds = _bury(app, db, [session], reason, at)
+    db.execute(
+        delete(SessionRow).where(SessionRow.id == session.id),
+        execution_options={"synchronize_session": False},
+    )
+    return seeds
+
+
+def forget(app: AppContext, seeds: frozenset[int]) -> None:
+    """Leave no trace in memory, nor in what the database still has on the disk."""
+    app.proposer.purge(seeds)
+    app.recordings.forget_shown()
+    app.database.scrub()
+
+
+def _bury(
+    app: AppContext,
+    db: Session,
+    rows: Sequence[SessionRow],
+    reason: Reason,
+    at: datetime | None,
+) -> frozenset[int]:
+    now = app.now() if at is None else at
+    app.ledger.note(now, reason, [deletion_log.session_key(row.token_hash) for row in rows])
+    # The day alone: a moment could be matched with what somebody else saw at that moment.
+    day = now.replace(hour=0, minute=0, second=0, microsecond=0)
+    db.add_all(
+        Tombstone(
+            study_id=row.study_id, mode=row.mode, stage=row.stage, deleted_at=day, reason=reason
+        )
+        for row in rows
+    )
+    db.flush()
+    return frozenset(trial.seed for row in rows for trial in row.trials)

@@ -1,0 +1,77 @@
+"""What a browser saw of a pair: which events are kept, how many, and how many were not.
+
+An answer is taken however much comes with it. Events of unknown names, and those beyond the limits
+of a call and of a session, are counted: in the table of events as `left_out`, with the number, and
+for the study's overview.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from datetime import datetime
+from typing import Final
+
+from sqlalchemy import func, select
+from sqlalchemy.orm import Session
+
+from app.services import failure_counter
+from app.services.studies.repository import stored_plan
+from app.storage.models.studies import Event, QueryRow, SessionRow
+from app.study.plan import Plan
+
+from . import queries
+from .queries import ClientEvent
+
+#: Of one call: a pair that is watched, replayed and left for another window has 30 or so.
+MOST_A_CALL: Final = 60
+#: Of one session, or `A_PAIR` for each pair of its plan where that is more.
+MOST_A_SESSION: Final = 2_000
+A_PAIR: Final = 30
+#: The longest value, in characters.
+LONGEST_VALUE: Final = 100
+
+#: What the server notes of events that it did not keep; the value is their number.
+LEFT_OUT: Final = "left_out"
+
+#: What pages tell, and what programs may tell of players of their own.
+NAMES: Final = frozenset(
+    (
+        *("shown", "visible", "hidden", "blur", "focus", "fullscreen", "pressed", "replay"),
+        *("playing", "ended", "retry", "recovered", "stall", "halted", "error", "start_skew"),
+        *("watched", "width", "dropped_frames", "worst_drift", "replays"),
+        *("play", "pause", "stalled", "waiting", "seeking", "seeked", "ratechange", "canplay"),
+    )
+)
+
+
+def keep(
+    db: Session,
+    session: SessionRow,
+    query: QueryRow,
+    client_events: Sequence[ClientEvent],
+    left_out: int,
+    now: datetime,
+) -> None:
+    """Store what was seen of a query, as far as the limits go, and how much was left out."""
+    known = [one for one in client_events if one.event in NAMES]
+    # With an answer comes, besides its events, how often the pair was played again.
+    kept = known[: min(MOST_A_CALL + 1, _room(db, session))]
+    left_out += len(client_events) - len(kept)
+    if left_out:
+        last = max((one.time_ms for one in client_events), default=0.0)
+        kept.append(ClientEvent(LEFT_OUT, None, last, str(left_out)))
+        failure_counter.add(db, session.study_id, failure_counter.Kind.EVENTS, left_out, now)
+    queries.store_events(db, session, query, kept)
+
+
+def most_of_a_session(plan: Plan) -> int:
+    """How many events are kept of a session under this plan."""
+    pairs = plan.trials * plan.queries_per_trial + plan.practice.queries
+    return max(MOST_A_SESSION, A_PAIR * pairs)
+
+
+def _room(db: Session, session: SessionRow) -> int:
+    """How many more events of this session are kept."""
+    most = most_of_a_session(stored_plan(session.plan))
+    there = select(Event.id).where(Event.session_id == session.id).limit(most).subquery()
+    return most - (db.scalar(select(func.count()).select_from(there)) or 0)

@@ -1,0 +1,58 @@
+"""What is due to somebody whom a fault of ours has stopped."""
+
+from __future__ import annotations
+
+import logging
+from threading import Lock
+from typing import Any
+
+from cachetools import LRUCache
+
+from app.services.context import AppContext
+from app.services.studies import repository
+from app.services.studies.session_modes import LIVE
+from app.study import recruitment
+from app.study.plan import Plan
+from app.study.protocol import Stage
+from app.study.recruitment import Outcome
+
+from . import completion, lookup
+
+log = logging.getLogger(__name__)
+
+#: Each study's plan as it was last seen: the way back is known even if the database is not there.
+_last_plans: LRUCache[str, Plan] = LRUCache(repository.MAX_PLANS)
+_lock = Lock()
+
+
+def remember(slug: str, plan: Plan) -> None:
+    with _lock:
+        _last_plans[slug] = plan
+
+
+def after_a_failure(app: AppContext, slug: str, token: str | None) -> dict[str, Any] | None:
+    """The way back of somebody whom a fault of ours stopped.
+
+    Whoever had given every answer has them all stored, and has completed the study as far as it
+    was in their hands: theirs is the code of completion.
+    """
+    try:
+        with app.database.read() as db:
+            if token is None:
+                plan = repository.read(db, slug).plan
+                return recruitment.described(plan.recruitment, "technical")
+            session = lookup.find(app, db, token, even_expired=True)
+            if session.mode != LIVE:
+                return None
+            plan = repository.stored_plan(session.plan)
+            all_answered = session.stage in (Stage.DEBRIEF, Stage.COMPLETED)
+            outcome: Outcome = "completed" if all_answered else "technical"
+            return recruitment.described(
+                plan.recruitment, outcome, completion.ids_of(db, session.participant_id)
+            )
+    except Exception:
+        # Whatever keeps us from looking the way back up: the person gets the one we remember.
+        log.exception("the way back of somebody in the study %r could not be looked up", slug)
+        with _lock:
+            known = _last_plans.get(slug)
+        return recruitment.described(known.recruitment, "technical") if known is not None else None

@@ -1,0 +1,70 @@
+"""The videos that a session watches to get to know what it will judge, and which it has watched."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from app.services.context import AppContext
+from app.services.proposals.proposer import Clip
+from app.services.runtime.errors import NotFoundError
+from app.services.studies.repository import plan_of, stored_plan
+from app.storage.models.studies import SessionRow
+from app.study.assignment import sample_familiarisation
+
+#: Tells the draw of familiarisation videos apart from every other use of a session's seed.
+_DRAW = 102
+
+
+def clips(app: AppContext, session: SessionRow) -> tuple[Clip, ...]:
+    """The videos before the trial that comes next: drawn by the session's seed, alike each time."""
+    plan = stored_plan(session.plan)
+    if plan.blocks == "environment":
+        coming = plan.conditions[session.trial_conditions[session.trial_index]]
+        environments: tuple[str, ...] = (coming.environment,)
+    else:
+        environments = plan_of(session).used_environments
+    found = [
+        clip
+        for environment in environments
+        for clip in app.proposer.space(session.study_id, environment).all_clips
+    ]
+    block = session.trial_index // plan_of(session).trials_per_block
+    rng = np.random.default_rng([session.seed, _DRAW, *([block] if block else [])])
+    drawn = sample_familiarisation(len(found), plan.familiarisation.videos, rng)
+    return tuple(found[index] for index in drawn)
+
+
+def test_clips(app: AppContext, session: SessionRow) -> tuple[Clip, ...]:
+    """The video of the session's device check: any that the study has."""
+    plan = stored_plan(session.plan)
+    if plan.device_check is None:
+        return ()
+    space = app.proposer.space(session.study_id, plan.used_environments[0])
+    return space.all_clips[:1]
+
+
+def watched(session: SessionRow) -> list[int]:
+    """Places of this playlist, from 0, that were watched to the end."""
+    first, size = _places(session)
+    return sorted(place - first for place in session.watched if first <= place < first + size)
+
+
+def first_place(session: SessionRow) -> int:
+    """The place of this playlist's first video among those of all the session's playlists."""
+    return _places(session)[0]
+
+
+def mark_watched(session: SessionRow, index: int) -> None:
+    """Keep that the video at this place was watched to the end. Raises NotFoundError."""
+    first, size = _places(session)
+    if not 0 <= index < size:
+        raise NotFoundError(f"expected a video's place from 0 to {size - 1}, got {index}")
+    # Another list: a change within one would not be noticed, and not be stored.
+    session.watched = sorted({*session.watched, first + index})
+
+
+def _places(session: SessionRow) -> tuple[int, int]:
+    """Where this block's playlist begins among all the session's, and how long it is."""
+    plan = stored_plan(session.plan)
+    size = plan.familiarisation.videos
+    return session.trial_index // plan_of(session).trials_per_block * size, size

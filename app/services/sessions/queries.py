@@ -1,0 +1,231 @@
+"""Queries as they are stored: what was shown, what was answered, and what the browser saw."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from sqlalchemy import bindparam, func, select
+from sqlalchemy.orm import Session, contains_eager, joinedload
+
+from app.pbbo import ENGINE_VERSION, defaults_under
+from app.services.proposals.proposer import TrialSpec
+from app.services.proposals.trial_schedule import Record, Shown
+from app.services.runtime.errors import NotFoundError
+from app.services.studies.repository import stored_plan
+from app.storage.bulk_insert import insert_rows
+from app.storage.json_rows import AsOneRow
+from app.storage.models.studies import Event, QueryRow, Response, SessionRow, Trial, UndoneResponse
+from app.study import protocol
+from app.study.protocol import ANSWERED, Stage
+from app.study.stage_settings import PRACTICE_INDEX
+
+#: Stands for the practice where a trial's seed is drawn: no plan has so many trials.
+_PRACTICE_SEED = 1_000_000
+
+
+@dataclass(frozen=True)
+class ClientEvent:
+    """Something the browser saw while a query was on the screen, `time_ms` after it appeared."""
+
+    event: str
+    side: str | None
+    time_ms: float
+    value: str | None
+
+
+@dataclass(frozen=True)
+class OpenQuery:
+    """Where a trial stands: the query that is open, and what was answered before it."""
+
+    trial_id: int
+    trial_index: int
+    environment: str
+    seed: int
+    #: What the session's browser knows the open query as.
+    public_id: str
+    attempt: int
+    asked: Shown
+    record: Record
+    #: The query whose response opened this one, where both happened in this very call.
+    just_answered: QueryRow | None = None
+
+
+def trial_seed(session: SessionRow, trial_index: int) -> int:
+    """Seed of one of the session's trials, or of its practice: 48 bits."""
+    own = _PRACTICE_SEED if trial_index == PRACTICE_INDEX else trial_index
+    sequence = np.random.SeedSequence([session.seed, own])
+    return int(sequence.generate_state(1, np.uint64)[0] >> np.uint64(16))
+
+
+def trial_spec(
+    session: SessionRow, trial_index: int, seed: int, engine_version: str = ENGINE_VERSION
+) -> TrialSpec:
+    """All that a proposal in this trial of a session depends on.
+
+    engine_version: the one that the trial began under, as its queries record it. What the plan does
+    not set is as it was then.
+    """
+    plan = stored_plan(session.plan)
+    # The practice is held as the first trial will be: in its environment, with its skip button.
+    condition = plan.conditions[session.trial_conditions[max(trial_index, 0)]]
+    return TrialSpec(
+        study_id=session.study_id,
+        environment=condition.environment,
+        method=condition.method,
+        settings=defaults_under(engine_version) | dict(condition.settings),
+        seed=seed,
+        queries=plan.queries_per_trial,
+        repeats=plan.repeats_per_trial,
+        attention=plan.attention_per_trial,
+        checks=plan.checks,
+        engine_version=engine_version,
+    )
+
+
+def find(db: Session, session: SessionRow, public_id: str) -> QueryRow:
+    """The query that this session's browser knows as `public_id`, with its trial and response."""
+    query = db.scalar(_FIND, {"public_id": public_id, "session_id": session.id})
+    if query is None:
+        if session.stage not in ANSWERED:
+            raise protocol.OutOfOrder(Stage(session.stage), "no query is open")
+        raise NotFoundError(f"this session has no query {public_id!r}")
+    return query
+
+
+def standing(db: Session, session: SessionRow, trial_index: int) -> OpenQuery:
+    """Where the trial stands that the session is in: its practice, or one of its plan."""
+    found = _STANDING.read(db, {"session_id": session.id, "trial_index": trial_index})
+    *before, last = sorted(found, key=lambda one: one[_PLACE])
+    trial_id, environment, seed, public_id, attempt, *asked = last
+    return OpenQuery(
+        trial_id=trial_id,
+        trial_index=trial_index,
+        environment=environment,
+        seed=seed,
+        public_id=public_id,
+        attempt=attempt,
+        asked=Shown(*asked),
+        record=tuple(Shown(*answered[_PLACE:]) for answered in before),
+    )
+
+
+def answered_before(db: Session, standing: OpenQuery) -> QueryRow | None:
+    """The query just before the open one, with its response; None if there is none."""
+    place = {"trial_id": standing.trial_id, "query_index": standing.asked.query_index - 1}
+    return db.scalar(_ANSWERED, place)
+
+
+def was_undone(db: Session, public_id: str) -> bool:
+    """Whether a response to this query was ever taken back."""
+    query_id = select(QueryRow.id).where(QueryRow.public_id == public_id).scalar_subquery()
+    found = select(UndoneResponse.id).where(UndoneResponse.query_id == query_id).limit(1)
+    return db.scalar(found) is not None
+
+
+def read_record(db: Session, trial_id: int) -> Record:
+    """The answered queries of one trial, in order."""
+    shown = (Shown(*row) for row in _RECORD.read(db, {"trial_id": trial_id}))
+    return tuple(sorted(shown, key=lambda one: one.query_index))
+
+
+def read_attempts(db: Session, query: QueryRow) -> Record:
+    """All that was shown at the place of this query, set aside or not, oldest first."""
+    rows: Iterable[Any] = db.execute(
+        select(*_SHOWN)
+        .where(QueryRow.trial_id == query.trial_id, QueryRow.query_index == query.query_index)
+        .order_by(QueryRow.attempt)
+    )
+    return tuple(Shown(*(*row, None)) for row in rows)
+
+
+def number_set_aside(db: Session, session: SessionRow) -> int:
+    """How many queries of this session were set aside."""
+    statement = (
+        select(func.count(QueryRow.id))
+        .join(Trial, QueryRow.trial_id == Trial.id)
+        .where(Trial.session_id == session.id, QueryRow.set_aside_at.is_not(None))
+    )
+    return db.scalar(statement) or 0
+
+
+def store_events(
+    db: Session, session: SessionRow, query: QueryRow, client_events: Iterable[ClientEvent]
+) -> None:
+    seen = [
+        {
+            "session_id": session.id,
+            "trial_index": query.trial.trial_index,
+            "query_index": query.query_index,
+            "event": happening.event,
+            "side": happening.side,
+            "time_ms": happening.time_ms,
+            "value": happening.value,
+        }
+        for happening in client_events
+    ]
+    insert_rows(db, Event, seen)
+
+
+def close_events(db: Session, session: SessionRow, query: QueryRow, why: str) -> None:
+    """Mark that what was seen so far at this place is not part of the answer that stays."""
+    last = db.scalar(
+        select(func.max(Event.time_ms)).where(
+            Event.session_id == session.id,
+            Event.trial_index == query.trial.trial_index,
+            Event.query_index == query.query_index,
+        )
+    )
+    store_events(db, session, query, [ClientEvent(why, None, last or 0.0, None)])
+
+
+_SHOWN: tuple[Any, ...] = (
+    QueryRow.query_index,
+    QueryRow.trial_type,
+    QueryRow.left_candidate,
+    QueryRow.right_candidate,
+    QueryRow.left_recording_id,
+    QueryRow.right_recording_id,
+    QueryRow.acquisition,
+    QueryRow.engine_version,
+    QueryRow.repeats_query_index,
+)
+
+# Made once: what is asked with every response takes as long to be put together as to be answered.
+_FIND = (
+    select(QueryRow)
+    .join(Trial, QueryRow.trial_id == Trial.id)
+    .where(
+        QueryRow.public_id == bindparam("public_id"), Trial.session_id == bindparam("session_id")
+    )
+    .options(contains_eager(QueryRow.trial), joinedload(QueryRow.response))
+)
+_ANSWERED = (
+    select(QueryRow)
+    .join(QueryRow.response)
+    .where(
+        QueryRow.trial_id == bindparam("trial_id"), QueryRow.query_index == bindparam("query_index")
+    )
+    .options(contains_eager(QueryRow.response))
+)
+#: What comes before a query as it was shown, in the rows of a trial that stands.
+_OF_TRIAL: tuple[Any, ...] = (Trial.id, Trial.environment, Trial.seed)
+_OF_QUERY: tuple[Any, ...] = (QueryRow.public_id, QueryRow.attempt)
+_PLACE = len(_OF_TRIAL) + len(_OF_QUERY)
+_STANDING = AsOneRow(
+    select(*_OF_TRIAL, *_OF_QUERY, *_SHOWN, Response.response, Response.skip_reason)
+    .join(QueryRow, QueryRow.trial_id == Trial.id)
+    .outerjoin(Response, Response.query_id == QueryRow.id)
+    .where(
+        Trial.session_id == bindparam("session_id"),
+        Trial.trial_index == bindparam("trial_index"),
+        QueryRow.set_aside_at.is_(None),
+    )
+)
+_RECORD = AsOneRow(
+    select(*_SHOWN, Response.response, Response.skip_reason)
+    .join(Response, Response.query_id == QueryRow.id)
+    .where(QueryRow.trial_id == bindparam("trial_id"))
+)

@@ -1,0 +1,134 @@
+"""What the page of a query may know of it: two videos, and how they may be answered."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from sqlalchemy.orm import Session
+
+from app.services.context import AppContext
+from app.services.proposals import practice_pairs
+from app.services.proposals.proposer import Clip, ProposedQuery, TrialSpec
+from app.services.proposals.trial_schedule import check_at, kind_at, learned, teaches
+from app.services.recordings.addresses import Place
+from app.services.recordings.recordings import video_url
+from app.services.studies.repository import stored_plan
+from app.storage.models.studies import SessionRow
+from app.study.attention_checks import Kind
+from app.study.plan import Condition, Plan
+from app.study.protocol import Stage
+from app.study.stage_settings import PRACTICE_INDEX
+
+from . import queries, undo_offer
+from .queries import OpenQuery
+
+
+def describe(
+    app: AppContext, db: Session, session: SessionRow, known: OpenQuery | None = None
+) -> dict[str, Any]:
+    """The open query of STATE. What a study does not ask for is not in it.
+
+    known: where the trial stands, if whoever asks has just brought it there.
+    """
+    plan = stored_plan(session.plan)
+    practising = session.stage == Stage.PRACTICE
+    trial_index = PRACTICE_INDEX if practising else session.trial_index
+    trial = known or queries.standing(db, session, trial_index)
+    query = trial.asked
+    space = app.proposer.space(session.study_id, trial.environment)
+    condition = plan.conditions[session.trial_conditions[session.trial_index]]
+    place = (trial_index, query.query_index)
+    coming, then = _coming(app, session, trial), _place_after(session, trial)
+    clips = [clip for following in coming for clip in (following.left, following.right)]
+    state: dict[str, Any] = {
+        "id": trial.public_id,
+        "left": video(app, session, space.clip(query.left, query.left_recording), place),
+        "right": video(app, session, space.clip(query.right, query.right_recording), place),
+        "skip": skip_of(plan, condition, session.language),
+        "prefetch": list(dict.fromkeys(_address(app, session, clip, then) for clip in clips)),
+    }
+    if practising:
+        state["practice"] = True
+    if undo := _undo(app, db, session, trial):
+        state["undo"] = undo
+    if plan.query.watch_once:
+        state["watch_once"] = True
+    return state
+
+
+def _undo(
+    app: AppContext, db: Session, session: SessionRow, trial: OpenQuery
+) -> dict[str, str | float] | None:
+    """What the page of the open query says of undoing the response before it, while it may."""
+    offer = undo_offer.find(db, session, trial, app.now())
+    seconds_left = round(offer.seconds_left, 1) if offer is not None else 0.0
+    if offer is None or seconds_left <= 0:
+        return None
+    return {"query_id": offer.query.public_id, "seconds_left": seconds_left}
+
+
+def video(app: AppContext, session: SessionRow, clip: Clip, place: Place) -> dict[str, Any]:
+    """A recording as the session's browser knows it, at one place."""
+    return {"url": _address(app, session, clip, place), "duration_s": clip.duration_s}
+
+
+def _address(app: AppContext, session: SessionRow, clip: Clip, place: Place) -> str:
+    return video_url(app.addresses.of(session, clip.id, place))
+
+
+def skip_of(plan: Plan, condition: Condition, language: str) -> dict[str, Any] | None:
+    """The skip button of a condition; None if it has none."""
+    skip = condition.skip
+    if skip is None:
+        return None
+    state: dict[str, Any] = {"label": plan.text(skip.label, language)}
+    if skip.reasons:
+        state["reasons"] = [
+            {"name": name, "label": plan.text(label, language)}
+            for name, label in skip.reasons.items()
+        ]
+    return state
+
+
+def _coming(app: AppContext, session: SessionRow, trial: OpenQuery) -> list[ProposedQuery]:
+    """What may come next, the likeliest first, as far as it is worked out."""
+    in_hand = queries.trial_spec(session, trial.trial_index, trial.seed, trial.asked.engine_version)
+    if trial.trial_index == PRACTICE_INDEX:
+        return [_after_practice(app, session, in_hand)]
+    record, query = trial.record, trial.asked
+    kind = kind_at(in_hand, query.query_index + 1)
+    history = learned(in_hand, record)
+    pair = (query.left, query.right)
+    coming = []
+    if teaches(in_hand, query.trial_type):
+        coming = app.proposer.possible_queries(in_hand, history, pair)
+        app.proposer.precompute(in_hand, history, pair)
+    elif (known := app.proposer.cached_step(in_hand, history)) and known.next:
+        coming = [known.next]
+    # After the last query none follows, and yet what its response will have taught is asked for.
+    if kind in (None, Kind.MODEL):
+        return coming
+    space = app.proposer.space(in_hand.study_id, in_hand.environment)
+    check = check_at(space, in_hand, record, query.query_index + 1)
+    app.proposer.render([check.left, check.right])
+    return [check]
+
+
+def _place_after(session: SessionRow, trial: OpenQuery) -> Place:
+    """Where what follows the open query will be shown."""
+    is_last = session.query_index + 1 >= stored_plan(session.plan).practice.queries
+    if trial.trial_index == PRACTICE_INDEX and is_last:
+        return (0, 0)
+    return (trial.trial_index, trial.asked.query_index + 1)
+
+
+def _after_practice(app: AppContext, session: SessionRow, in_hand: TrialSpec) -> ProposedQuery:
+    """What follows the open practice query: it does not depend on the response."""
+    if session.query_index + 1 < stored_plan(session.plan).practice.queries:
+        space = app.proposer.space(in_hand.study_id, in_hand.environment)
+        return practice_pairs.pair(space, in_hand.seed, session.query_index + 1)
+    first = app.proposer.step(
+        queries.trial_spec(session, 0, queries.trial_seed(session, 0)), ()
+    ).next
+    assert first is not None
+    return first

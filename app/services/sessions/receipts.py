@@ -1,0 +1,46 @@
+"""Receipt codes: whose session one belongs to, and which browsers may see it."""
+
+from __future__ import annotations
+
+from sqlalchemy import select
+from sqlalchemy.orm import Session, joinedload
+
+from app.services.context import AppContext
+from app.services.runtime.ids import receipt_code, receipt_hash, secret_hash
+from app.storage.models.arrivals import Reentry
+from app.storage.models.studies import SessionRow, Study
+
+
+def session_of_receipt(db: Session, slug: str, receipt: str) -> SessionRow | None:
+    """The session of the study that this receipt code belongs to."""
+    hashed = receipt_hash(receipt)
+    came_back = select(Reentry.session_id).where(Reentry.receipt_hash == hashed)
+    return db.scalar(
+        select(SessionRow)
+        .join(Study, SessionRow.study_id == Study.id)
+        .where(
+            Study.slug == slug,
+            (SessionRow.receipt_hash == hashed) | SessionRow.id.in_(came_back),
+        )
+        .options(joinedload(SessionRow.plan))
+    )
+
+
+def receipt(app: AppContext, token: str) -> str | None:
+    """The receipt code that goes with this token.
+
+    None for a browser that was let in by a platform's ids, and where there is no session.
+    """
+    with app.database.read() as db:
+        return receipt_code(token) if has_all_rights(db, token) else None
+
+
+def has_all_rights(db: Session, token: str) -> bool:
+    """Whether the holder of this token may see the receipt and delete what the person gave."""
+    hashed = secret_hash(token)
+    if db.scalar(select(SessionRow.id).where(SessionRow.token_hash == hashed)) is not None:
+        return True
+    of_receipt = select(Reentry.id).where(
+        Reentry.token_hash == hashed, Reentry.receipt_hash == receipt_hash(receipt_code(token))
+    )
+    return db.scalar(of_receipt) is not None

@@ -1,0 +1,129 @@
+"""A study's trials worked out again from what was stored: does everything come out alike?"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from sqlalchemy import select
+from sqlalchemy.orm import Session, selectinload
+
+from app.services.context import AppContext
+from app.services.proposals.proposer import ProposedQuery, work_out
+from app.services.proposals.trial_schedule import following, learned, lessons, teaches
+from app.services.studies import repository
+from app.storage.models.studies import Acquired, PreferenceRow, QueryRow, SessionRow, Trial
+from app.study.stage_settings import PRACTICE_INDEX
+
+from . import queries
+from .derived_rows import preferences
+
+
+@dataclass(frozen=True)
+class Difference:
+    """Something stored that does not come out of the responses today.
+
+    what: a query (candidates and recordings, left and right), the candidate that was acquired after
+    one, or the trial's preferences (index, winner, loser, origin, queries; those that differ).
+    """
+
+    what: str
+    stored: tuple[Any, ...]
+    worked_out: tuple[Any, ...]
+
+
+@dataclass(frozen=True)
+class Replayed:
+    """One trial, replayed."""
+
+    session_id: str
+    trial_index: int
+    condition: str
+    queries: int
+    differences: tuple[Difference, ...]
+
+
+def replay(app: AppContext, slug: str) -> Iterator[Replayed]:
+    """Replay every trial of a study, query by query, from candidates, responses and seed alone."""
+    study = repository.find(app, slug)
+    with app.database.read() as db:
+        stored = db.scalars(
+            select(Trial)
+            .join(SessionRow, Trial.session_id == SessionRow.id)
+            .where(SessionRow.study_id == study.id, Trial.trial_index != PRACTICE_INDEX)
+            .order_by(SessionRow.id, Trial.trial_index)
+            .options(selectinload(Trial.queries))
+        )
+        for trial in stored:
+            yield Replayed(
+                session_id=trial.session.public_id,
+                trial_index=trial.trial_index,
+                condition=trial.condition,
+                queries=len(trial.queries),
+                differences=tuple(_differences(app, db, trial)),
+            )
+
+
+def _differences(app: AppContext, db: Session, trial: Trial) -> Iterator[Difference]:
+    in_hand = queries.trial_spec(
+        trial.session, trial.trial_index, trial.seed, trial.queries[0].engine_version
+    )
+    space = app.proposer.space(in_hand.study_id, in_hand.environment)
+    record = queries.read_record(db, trial.id)
+    # What took the place of a video that did not play depends on which ones could be had.
+    asked = {query.query_index: query for query in trial.queries if query.attempt == 0}
+    acquired: dict[int, int] = {}
+    for place in range(len(record) + 1):
+        before = record[:place]
+        step = work_out(space, in_hand, learned(in_hand, before))
+        if place > 0 and step.acquired and teaches(in_hand, before[-1].trial_type):
+            acquired[place - 1] = step.acquired.candidate
+        if place in asked:
+            proposal = following(space, in_hand, before, step)
+            assert proposal is not None
+            was, would_be = _shown(asked[place]), _proposed(proposal)
+            if was != would_be:
+                yield Difference(f"query {place}", was, would_be)
+    stored = _acquired(db, trial)
+    for place in sorted(acquired.keys() | stored.keys()):
+        if stored.get(place) != acquired.get(place):
+            pair = ((stored.get(place),), (acquired.get(place),))
+            yield Difference(f"acquired after query {place}", *pair)
+    kept = _preferences(db, trial)
+    taught = {tuple(row.values()) for row in preferences(step, lessons(in_hand, record))}
+    if kept != taught:
+        yield Difference("preferences", tuple(sorted(kept - taught)), tuple(sorted(taught - kept)))
+
+
+def _acquired(db: Session, trial: Trial) -> dict[int, int]:
+    columns = (Acquired.query_index, Acquired.candidate)
+    rows = db.execute(select(*columns).where(Acquired.trial_id == trial.id))
+    return {row.query_index: row.candidate for row in rows}
+
+
+def _preferences(db: Session, trial: Trial) -> set[tuple[Any, ...]]:
+    rows = db.execute(
+        select(
+            PreferenceRow.preference_index,
+            PreferenceRow.winner,
+            PreferenceRow.loser,
+            PreferenceRow.origin,
+            PreferenceRow.query_index,
+            PreferenceRow.drawn_from_query_index,
+        ).where(PreferenceRow.trial_id == trial.id)
+    )
+    return {tuple(row) for row in rows}
+
+
+def _shown(query: QueryRow) -> tuple[int, ...]:
+    return (
+        query.left_candidate,
+        query.right_candidate,
+        query.left_recording_id,
+        query.right_recording_id,
+    )
+
+
+def _proposed(query: ProposedQuery) -> tuple[int, ...]:
+    return (query.left_candidate, query.right_candidate, query.left.id, query.right.id)

@@ -1,0 +1,324 @@
+"""What comes back from the query page: a response, or that a video did not play.
+
+What is stored is stored in one transaction: two tabs, a double click or a retry find that it was
+done.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import datetime
+
+from sqlalchemy.orm import Session
+from sqlalchemy.orm.attributes import set_committed_value
+
+from app.pbbo import allows_skip
+from app.services.context import AppContext
+from app.services.proposals.computation import History
+from app.services.proposals.proposer import ProposedQuery, Step, TrialSpec
+from app.services.proposals.trial_schedule import (
+    Record,
+    Shown,
+    following,
+    learned,
+    lessons,
+    replacement,
+    teaches,
+)
+from app.services.runtime.errors import (
+    AlreadyAnsweredError,
+    ConflictError,
+    SetAsideError,
+    SkipNotOfferedError,
+    SkipReasonError,
+)
+from app.services.studies.repository import stored_plan
+from app.storage.bulk_insert import insert_rows
+from app.storage.models.studies import QueryRow, Response, SessionRow
+from app.study import protocol
+from app.study.protocol import Stage
+from app.study.stage_settings import PRACTICE_INDEX
+
+from . import derived_rows, event_limits, lookup, queries, trial_start
+from . import state_view as session_state
+from .queries import ClientEvent, OpenQuery
+from .state_view import State
+
+#: Attempts at one place of a trial: whoever needs more will not see any video at all.
+MOST_ATTEMPTS = 20
+#: Pairs of one session that are set aside: a browser that shows so few videos shows no study.
+MOST_FAULTS = 100
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What was pressed, and what the browser saw meanwhile."""
+
+    query_id: str
+    response: str
+    rt_ms: float | None = None
+    skip_reason: str | None = None
+    client_events: Sequence[ClientEvent] = ()
+    #: How much more the browser saw than is told here.
+    left_out: int = 0
+
+
+@dataclass(frozen=True)
+class FaultReport:
+    """A video of this query did not play, and what the browser saw of that."""
+
+    query_id: str
+    reason: str
+    client_events: Sequence[ClientEvent] = ()
+    left_out: int = 0
+
+
+@dataclass(frozen=True)
+class _Asked:
+    """What one read tells of the query that is answered.
+
+    record: the trial's answered queries, this one included.
+    """
+
+    trial: TrialSpec
+    record: Record
+    is_practice: bool
+
+    @property
+    def history(self) -> History:
+        return learned(self.trial, self.record)
+
+
+def respond(app: AppContext, token: str, answer: Answer) -> State:
+    """Store a response with the query that follows it. Sent again, it changes nothing.
+
+    One transaction reads what the response is about. The step after it comes from the cache or is
+    computed, outside any transaction. One short transaction locks the session, checks again and
+    writes. The state is described from what is known by then.
+    """
+    with app.measurements.answering(answer.response):
+        with app.database.read() as db:
+            session = lookup.find(app, db, token)
+            query = queries.find(db, session, answer.query_id)
+            if not _is_new(session, query, answer):
+                return session_state.describe(app, db, session)
+            asked = _read(db, session, query, answer)
+        step = None if asked.is_practice else _step(app, asked)
+        with app.database.write() as db:
+            session = lookup.find(app, db, token, to_write=True)
+            query = queries.find(db, session, answer.query_id)
+            opened = None
+            if _is_new(session, query, answer):
+                # The record that was read still holds: undoing a response before this one would
+                # have deleted this query.
+                opened = _store(app, db, session, query, answer, asked, step)
+        with app.database.read() as db:
+            if opened is None:
+                session = lookup.find(app, db, token)
+            return session_state.describe(app, db, session, opened)
+
+
+def _read(db: Session, session: SessionRow, query: QueryRow, answer: Answer) -> _Asked:
+    """Raises OutOfOrder, SkipNotOfferedError or SkipReasonError if the answer cannot be taken."""
+    lookup.require_asked(session, query.query_index)
+    trial = queries.trial_spec(
+        session, query.trial.trial_index, query.trial.seed, query.engine_version
+    )
+    if answer.response == "skip" and not allows_skip(trial.method):
+        raise SkipNotOfferedError(
+            "expected left or right: this query offers no skip", session.stage
+        )
+    _check_reason(session, query, answer)
+    is_practice = query.trial.trial_index == PRACTICE_INDEX
+    before = () if is_practice else queries.read_record(db, query.trial_id)
+    return _Asked(trial, (*before, _shown(query, answer.response, answer.skip_reason)), is_practice)
+
+
+def _step(app: AppContext, asked: _Asked) -> Step:
+    """The precomputed step, or one computed now."""
+    step = app.proposer.cached_step(asked.trial, asked.history)
+    app.measurements.step_asked(ahead=step is not None)
+    return step or app.proposer.step(asked.trial, asked.history)
+
+
+def _store(
+    app: AppContext,
+    db: Session,
+    session: SessionRow,
+    query: QueryRow,
+    answer: Answer,
+    asked: _Asked,
+    step: Step | None,
+) -> OpenQuery | None:
+    """Write the response, what it taught and what follows; the open query, if the trial goes on.
+
+    Raises OutOfOrder, before anything is written, if the session's open query is another one.
+    """
+    now = app.now()
+    lookup.advance(app, session, protocol.Responded(query_index=query.query_index, at=now))
+    given = {
+        "query_id": query.id,
+        "response": answer.response,
+        "skip_reason": answer.skip_reason,
+        "rt_ms": answer.rt_ms,
+        "answered_at": now,
+        "plan_id": session.plan_id,
+    }
+    insert_rows(db, Response, [given])
+    set_committed_value(query, "response", Response(**given))
+    event_limits.keep(db, session, query, answer.client_events, answer.left_out, now)
+    if step is None:
+        _go_on_practising(app, db, session, query, now)
+        return None
+    if teaches(asked.trial, query.trial_type):
+        derived_rows.store(db, query, step, lessons(asked.trial, asked.record))
+    if session.stage == Stage.QUERY and session.trial_index == query.trial.trial_index:
+        space = app.proposer.space(asked.trial.study_id, asked.trial.environment)
+        coming = following(space, asked.trial, asked.record, step)
+        assert coming is not None
+        return _open(db, query, coming, asked.record, now)
+    query.trial.ended_at = now
+    trial_start.arrive(app, db, session)
+    return None
+
+
+def _open(
+    db: Session, answered: QueryRow, coming: ProposedQuery, record: Record, now: datetime
+) -> OpenQuery:
+    """Store the trial's next query. record: all that was answered before it."""
+    trial = answered.trial
+    asked = trial_start.query_columns(coming, now, trial_id=trial.id)
+    insert_rows(db, QueryRow, [asked])
+    return OpenQuery(
+        trial_id=trial.id,
+        trial_index=trial.trial_index,
+        environment=trial.environment,
+        seed=trial.seed,
+        public_id=asked["public_id"],
+        attempt=asked["attempt"],
+        asked=Shown(
+            query_index=coming.query_index,
+            trial_type=coming.trial_type,
+            left=coming.left_candidate,
+            right=coming.right_candidate,
+            left_recording=coming.left.id,
+            right_recording=coming.right.id,
+            acquisition=coming.acquisition,
+            engine_version=coming.engine_version,
+            repeats=coming.repeats,
+            response=None,
+        ),
+        record=record,
+        just_answered=answered,
+    )
+
+
+def _go_on_practising(
+    app: AppContext, db: Session, session: SessionRow, query: QueryRow, now: datetime
+) -> None:
+    if session.stage == Stage.PRACTICE:
+        coming = trial_start.practice_query(app, session, session.query_index)
+        db.add(trial_start.query_row(coming, now, trial_id=query.trial_id))
+    else:
+        query.trial.ended_at = now
+        trial_start.arrive(app, db, session)
+
+
+def report_fault(app: AppContext, token: str, report: FaultReport) -> State:
+    """Set a query aside because a video did not play, and put another one in its place.
+
+    What is set aside is kept, marked, and never reaches the model. The same report again changes
+    nothing. Raises AlreadyAnsweredError if the query has its response, and OutOfOrder if nobody is
+    asked it any more.
+    """
+    with app.database.write() as db:
+        session = lookup.find(app, db, token, to_write=True)
+        query = queries.find(db, session, report.query_id)
+        if query.set_aside_at is not None:
+            return session_state.describe(app, db, session)
+        if query.response is not None:
+            raise AlreadyAnsweredError(
+                "expected a query without a response, and this one is answered", session.stage
+            )
+        lookup.require_asked(session, query.query_index)
+        tried = queries.read_attempts(db, query)
+        if len(tried) >= MOST_ATTEMPTS:
+            raise ConflictError(
+                f"expected at most {MOST_ATTEMPTS} attempts at one query; none of them played"
+            )
+        if queries.number_set_aside(db, session) >= MOST_FAULTS:
+            raise ConflictError(
+                f"expected at most {MOST_FAULTS} pairs of a session that did not play, and there"
+                " are as many"
+            )
+        trial = queries.trial_spec(
+            session, query.trial.trial_index, query.trial.seed, query.engine_version
+        )
+        space = app.proposer.space(trial.study_id, trial.environment)
+        instead = replacement(space, trial, tried, app.recordings.is_available)
+        now = app.now()
+        query.set_aside_at = now
+        query.fault = report.reason
+        event_limits.keep(db, session, query, report.client_events, report.left_out, now)
+        queries.close_events(db, session, query, "set_aside")
+        db.add(trial_start.query_row(instead, now, trial_id=query.trial_id, attempt=len(tried)))
+        session.last_seen_at = now
+        db.flush()
+        app.proposer.render([instead.left, instead.right])
+        return session_state.describe(app, db, session)
+
+
+def _is_new(session: SessionRow, query: QueryRow, answer: Answer) -> bool:
+    """Whether the query is still to be answered; raises if it was answered otherwise."""
+    if query.set_aside_at is not None:
+        raise SetAsideError(
+            "expected a response to the query that took this one's place: this one did not play",
+            session.stage,
+        )
+    if query.response is None:
+        return True
+    if query.response.response != answer.response:
+        raise AlreadyAnsweredError(
+            f"expected {query.response.response!r} again, the response this query has, "
+            f"got {answer.response!r}",
+            session.stage,
+        )
+    return False
+
+
+def _check_reason(session: SessionRow, query: QueryRow, answer: Answer) -> None:
+    """A reason goes with a skip, and is one of those that the study offers.
+
+    A skip without a reason is taken: a page that was open before knows of none.
+    """
+    if answer.skip_reason is None:
+        return
+    if answer.response != "skip":
+        raise SkipReasonError(
+            f"expected a reason with a skip only, got one with {answer.response!r}", session.stage
+        )
+    plan = stored_plan(session.plan)
+    # The practice has the skip button of the first trial.
+    skip = plan.conditions[session.trial_conditions[max(query.trial.trial_index, 0)]].skip
+    offered = list(skip.reasons or ()) if skip else []
+    if offered and answer.skip_reason not in offered:
+        raise SkipReasonError(
+            f"expected one of {', '.join(offered)}, got {answer.skip_reason!r}", session.stage
+        )
+
+
+def _shown(query: QueryRow, response: str, skip_reason: str | None) -> Shown:
+    return Shown(
+        query_index=query.query_index,
+        trial_type=query.trial_type,
+        left=query.left_candidate,
+        right=query.right_candidate,
+        left_recording=query.left_recording_id,
+        right_recording=query.right_recording_id,
+        acquisition=query.acquisition,
+        engine_version=query.engine_version,
+        repeats=query.repeats_query_index,
+        response=response,
+        skip_reason=skip_reason,
+    )

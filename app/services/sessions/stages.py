@@ -1,0 +1,142 @@
+"""An evaluator's passage through a study. The server alone decides where a session is.
+
+Each use case reads, works out what follows outside any transaction, and then writes once, having
+looked again: two tabs, a double click or a retry find that it was done.
+"""
+
+from __future__ import annotations
+
+from sqlalchemy import delete
+
+from app.services.context import AppContext
+from app.services.runtime.ids import (
+    form_token,
+    is_secret,
+    new_secret,
+    receipt_code,
+    receipt_hash,
+    secret_hash,
+)
+from app.services.studies import repository
+from app.storage.models.arrivals import Reentry
+from app.storage.models.studies import Event, SessionRow
+from app.study import protocol
+from app.study.protocol import Stage
+from app.study.stage_settings import Device
+
+from . import consents, familiarisation, lookup, trial_start
+from . import state_view as session_state
+from .state_view import State
+
+
+def current(app: AppContext, token: str) -> State:
+    """Where the session is."""
+    with app.database.read() as db:
+        return session_state.describe(app, db, lookup.find(app, db, token))
+
+
+def consent(app: AppContext, token: str, version: str, *, successor: str | None = None) -> State:
+    """Agree to the consent of `version`. Raises StaleConsent if the text is another one now.
+
+    successor: the token that takes this one's place at the first consent, with its own receipt.
+    Before consent somebody may have planted a token that they know in the browser.
+    """
+    with app.database.write() as db:
+        session = lookup.find(app, db, token, to_write=True)
+        changed = consents.due(db, session)
+        if changed is not None:
+            is_again = session.stage != Stage.CONSENT
+            consents.renew(session, changed, version)
+            if is_again:
+                session.last_seen_at = app.now()
+                consents.agree(db, session, version, session.last_seen_at)
+                return session_state.describe(app, db, session)
+        now_in_force = consents.text(repository.stored_texts(session.plan)[session.language])[
+            "version"
+        ]
+        event = protocol.Consented(version=version, current_version=now_in_force)
+        lookup.advance(app, session, event)
+        consents.agree(db, session, version, app.now())
+        if successor is not None:
+            session.token_hash = secret_hash(successor)
+            session.receipt_hash = receipt_hash(receipt_code(successor))
+            db.execute(delete(Reentry).where(Reentry.session_id == session.id))
+        state = session_state.describe(app, db, session)
+        first = trial_start.first_query(app, session)
+        coming = [*familiarisation.test_clips(app, session), first.left, first.right]
+        coming.extend(familiarisation.clips(app, session))
+    app.proposer.render(coming)
+    return state
+
+
+def successor_of(app: AppContext, token: str, browser: str) -> str:
+    """The token that takes this one's place when its browser agrees.
+
+    browser: the secret in a cookie of the browser, which with the server's own makes it the same
+    for a form that is sent twice.
+    """
+    if not is_secret(browser):
+        return new_secret()
+    return form_token(app.secret.key("tokens at consent"), "successor", browser, token)
+
+
+def go_on(
+    app: AppContext, token: str, device: Device | None = None, *, leaving: str | None = None
+) -> State:
+    """Leave a page that only has to be left. Raises a ProtocolError that says what is missing.
+
+    leaving: the stage to be left, where it is known. If it was left before, nothing is done.
+    """
+    with app.database.write() as db:
+        session = lookup.find(app, db, token, to_write=True)
+        if leaving is not None and leaving != session.stage:
+            return session_state.describe(app, db, session)
+        checked = session.stage == Stage.DEVICE_CHECK
+        watched = (
+            len(familiarisation.watched(session)) if session.stage == Stage.FAMILIARISATION else 0
+        )
+        event = protocol.Continued(at=app.now(), watched=watched, device=device)
+        lookup.advance(app, session, event)
+        if checked and device is not None:
+            db.add_all(_measures(session, device))
+        trial_start.arrive(app, db, session)
+        return session_state.describe(app, db, session)
+
+
+def screen_out(app: AppContext, token: str) -> State:
+    """End a session whose person has no device that passes the check. Raises OutOfOrder."""
+    with app.database.write() as db:
+        session = lookup.find(app, db, token, to_write=True)
+        lookup.advance(app, session, protocol.ScreenedOut())
+        return session_state.describe(app, db, session)
+
+
+def _measures(session: SessionRow, device: Device) -> list[Event]:
+    """What the device check has measured, kept among the events of no trial."""
+    measured = {
+        "device_width_px": device.width_px,
+        "device_mbit_s": device.mbit_s,
+        "device_played": int(device.played),
+    }
+    return [
+        Event(
+            session_id=session.id,
+            trial_index=consents.NO_TRIAL,
+            query_index=consents.NO_TRIAL,
+            event=name,
+            time_ms=0.0,
+            value=None if value is None else f"{value:g}",
+        )
+        for name, value in measured.items()
+    ]
+
+
+def watch(app: AppContext, token: str, index: int) -> State:
+    """A video of the familiarisation was watched to its end. The same again changes nothing."""
+    with app.database.write() as db:
+        session = lookup.find(app, db, token, to_write=True)
+        if session.stage != Stage.FAMILIARISATION:
+            raise protocol.OutOfOrder(Stage(session.stage), "no video is to be watched now")
+        familiarisation.mark_watched(session, index)
+        session.last_seen_at = app.now()
+        return session_state.describe(app, db, session)

@@ -1,0 +1,125 @@
+"""How a trial begins: what a stage on the way to it prepares, its seed, and its first query."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from typing import Any
+
+from sqlalchemy.orm import Session
+
+from app.services.context import AppContext
+from app.services.proposals import practice_pairs
+from app.services.proposals.proposer import ProposedQuery
+from app.services.runtime.ids import new_public_id
+from app.services.studies import repository
+from app.storage.models.studies import QueryRow, SessionRow, Trial
+from app.study.protocol import Stage
+from app.study.stage_settings import PRACTICE, PRACTICE_INDEX
+
+from . import familiarisation, queries
+
+
+def arrive(app: AppContext, db: Session, session: SessionRow) -> None:
+    """Prepare what the stage that the session has come to will show."""
+    if session.stage == Stage.QUERY:
+        _begin(app, db, session)
+    elif session.stage == Stage.PRACTICE:
+        _begin_practice(app, db, session)
+    elif session.stage in (Stage.BREAK, Stage.FAMILIARISATION):
+        # Whoever goes on from here finds the first pair made.
+        first = first_query(app, session)
+        coming = [first.left, first.right]
+        plan = repository.plan_of(session)
+        if plan.familiarises_before(session.trial_index):
+            coming = [*familiarisation.clips(app, session), *coming]
+        app.proposer.render(coming)
+
+
+def _begin(app: AppContext, db: Session, session: SessionRow) -> None:
+    """Store the trial that the session has come to, with its first query."""
+    first = first_query(app, session)
+    condition = repository.stored_plan(session.plan).conditions[
+        session.trial_conditions[session.trial_index]
+    ]
+    now = app.now()
+    trial = Trial(
+        session_id=session.id,
+        trial_index=session.trial_index,
+        condition=condition.name,
+        method=condition.method,
+        environment=condition.environment,
+        seed=queries.trial_seed(session, session.trial_index),
+        started_at=now,
+        queries=[query_row(first, now)],
+    )
+    db.add(trial)
+    db.flush()
+    app.proposer.render([first.left, first.right])
+
+
+def _begin_practice(app: AppContext, db: Session, session: SessionRow) -> None:
+    """Store the practice, with its first query."""
+    now = app.now()
+    trial = Trial(
+        session_id=session.id,
+        trial_index=PRACTICE_INDEX,
+        condition=PRACTICE,
+        method="random",
+        environment=queries.trial_spec(session, PRACTICE_INDEX, 0).environment,
+        seed=queries.trial_seed(session, PRACTICE_INDEX),
+        started_at=now,
+    )
+    first = practice_query(app, session, 0)
+    trial.queries.append(query_row(first, now))
+    db.add(trial)
+    db.flush()
+    after = first_query(app, session)
+    app.proposer.render([first.left, first.right, after.left, after.right])
+
+
+def practice_query(app: AppContext, session: SessionRow, query_index: int) -> ProposedQuery:
+    """The practice's query at this place."""
+    in_hand = queries.trial_spec(
+        session, PRACTICE_INDEX, queries.trial_seed(session, PRACTICE_INDEX)
+    )
+    space = app.proposer.space(in_hand.study_id, in_hand.environment)
+    return practice_pairs.pair(space, in_hand.seed, query_index)
+
+
+def first_query(app: AppContext, session: SessionRow) -> ProposedQuery:
+    """The first query of that trial: drawn at random, with no model to fit."""
+    in_hand = queries.trial_spec(
+        session, session.trial_index, queries.trial_seed(session, session.trial_index)
+    )
+    first = app.proposer.step(in_hand, ()).next
+    assert first is not None
+    return first
+
+
+def query_row(
+    following: ProposedQuery, now: datetime, trial_id: int | None = None, attempt: int = 0
+) -> QueryRow:
+    return QueryRow(**query_columns(following, now, trial_id, attempt))
+
+
+def query_columns(
+    following: ProposedQuery, now: datetime, trial_id: int | None = None, attempt: int = 0
+) -> dict[str, Any]:
+    """A query, to be stored before it is shown."""
+    return {
+        "trial_id": trial_id,
+        "public_id": new_public_id(),
+        "query_index": following.query_index,
+        "attempt": attempt,
+        "trial_type": following.trial_type,
+        "left_candidate": following.left_candidate,
+        "right_candidate": following.right_candidate,
+        "left_recording_id": following.left.id,
+        "right_recording_id": following.right.id,
+        "acquisition": following.acquisition,
+        "seed": following.seed,
+        "engine_version": following.engine_version,
+        "repeats_query_index": following.repeats,
+        "created_at": now,
+        "shown_at": now,
+    }

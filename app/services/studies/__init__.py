@@ -1,0 +1,1 @@
+"""Studies: creation, versions of the plan, life cycle, access and sharing."""

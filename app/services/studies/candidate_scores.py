@@ -1,0 +1,20 @@
+"""How well candidates do, where the experimenter's table of videos says so."""
+
+from __future__ import annotations
+
+from sqlalchemy import func, select
+from sqlalchemy.orm import Session
+
+from app.storage.models.studies import Candidate, Recording
+
+
+def mean_scores(db: Session, study_id: int) -> dict[tuple[str, int], float]:
+    """The mean score of each candidate's recordings that have one, by environment and index."""
+    rows = db.execute(
+        select(Candidate.environment, Candidate.candidate_index, func.avg(Recording.score))
+        .join(Recording, Recording.candidate_id == Candidate.id)
+        .where(Candidate.study_id == study_id, Recording.score.is_not(None))
+        .group_by(Candidate.environment, Candidate.candidate_index)
+        .order_by(Candidate.environment, Candidate.candidate_index)
+    )
+    return {(environment, index): float(score) for environment, index, score in rows}

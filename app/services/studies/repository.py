@@ -1,0 +1,402 @@
+"""Setting a study up, opening and closing it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from threading import Lock
+from typing import Any
+
+from cachetools import LRUCache, cached
+from sqlalchemy import delete, func, insert, select
+from sqlalchemy.orm import Session
+
+from app.crane import environments as crane_environments
+from app.crane import library
+from app.crane.dynamics import DURATION_S
+from app.pbbo import Settings as OptimizerSettings
+from app.services.accounts import audit_log
+from app.services.context import AppContext
+from app.services.recordings import metadata_removal, recordings
+from app.services.runtime import disk_quota
+from app.services.runtime.errors import ConflictError, NotFoundError, SlugTakenError
+from app.services.runtime.ids import new_public_id
+from app.storage.models.accounts import StudyAccess
+from app.storage.models.studies import Candidate, PlanVersion, Recording, SessionRow, Study
+from app.study import assignment
+from app.study import folder as study_folder
+from app.study.plan import Plan, plan_hash
+
+from . import orphaned_videos, slugs
+
+#: What a study says, by language and by what it is for, in Markdown.
+Texts = Mapping[str, Mapping[str, str]]
+
+DRAFT = "draft"
+OPEN = "open"
+CLOSED = "closed"
+
+#: Whose a study is, and whom it is shared with.
+OWNER = "owner"
+SHARED = "shared"
+
+#: Versions of plans whose parsed form is cached: parsing one takes longer than a response may.
+MAX_PLANS = 256
+#: Plans and their texts by their hash, and plans narrowed to some conditions.
+_plans: LRUCache[str, Plan] = LRUCache(MAX_PLANS)
+_texts: LRUCache[str, Texts] = LRUCache(MAX_PLANS)
+_narrowed_plans: LRUCache[tuple[str, frozenset[int]], Plan] = LRUCache(4 * MAX_PLANS)
+_lock = Lock()
+
+#: What the shipped crane's parameters are called, in the order of its candidates' columns.
+CRANE_PARAMETERS = ("w0", "w1")
+
+
+@dataclass(frozen=True)
+class StudyInfo:
+    """One study as its experimenter knows it."""
+
+    id: int
+    slug: str
+    status: str
+    plan: Plan
+    texts: Texts
+    plan_id: int
+    plan_hash: str
+    plan_version: int
+    created_at: datetime
+    opened_at: datetime | None
+    closed_at: datetime | None
+    paused_at: datetime | None = None
+    conditions_off: tuple[str, ...] = ()
+
+
+def settings_fault(settings: Mapping[str, Any]) -> str | None:
+    """What is wrong with a condition's optimiser settings, or None."""
+    try:
+        OptimizerSettings.from_mapping(settings)
+    except ValueError as error:
+        return str(error)
+    return None
+
+
+def load_folder(name_or_path: str) -> study_folder.StudyFolder:
+    """Read a study's folder, or a shipped study by its name. Raises StudyFaults, all at once."""
+    return study_folder.load(
+        study_folder.resolve(name_or_path),
+        settings_check=settings_fault,
+        crane_candidates=lambda _: crane_environments.candidates().tolist(),
+    )
+
+
+def create(
+    app: AppContext,
+    folder: study_folder.StudyFolder,
+    owner_id: int | None = None,
+    *,
+    actor: str = audit_log.COMMAND_LINE,
+    may_replace: Callable[[Session, int], bool] = lambda _session, _study_id: True,
+    proof: slugs.Proof = slugs.NONE,
+) -> StudyInfo:
+    """Store a study as a draft, in the place of an earlier draft if that is the same study.
+
+    It is if it was made of the same folder, or if `proof` shows it.
+
+    owner_id: the account whose study it will be; None leaves it to the admins. An earlier draft
+    hands its owner, and whom it was shared with, on. may_replace: whether the one who asks may
+    replace the draft of this id. A draft with the very same plan, texts and recordings stays.
+
+    Raises SlugTakenError if another draft has the slug, and ConflictError if a study of that name
+    is open or was: its plan holds for good.
+    """
+    plan = folder.plan
+    if plan.slug in slugs.RESERVED:
+        raise ConflictError(f"expected another slug: {plan.slug!r} is a page of the studio's own")
+    sizes = ((folder.root / row.file).stat().st_size for row in folder.recordings)
+    disk_quota.require(app.settings, app.settings.own_videos, sum(sizes))
+    with metadata_removal.videos(app.settings, folder) as made:
+        videos = {video.name: video for video in made.values()}
+        locators = {sha256: video.name for sha256, video in made.items()}
+        with orphaned_videos.until_stored(app, videos.keys()):
+            # Videos first, under their content's names: one that nothing points to does no harm.
+            app.recordings.keep_files(videos)
+            return _stored(app, folder, locators, owner_id, actor, may_replace, proof)
+
+
+def _stored(
+    app: AppContext,
+    folder: study_folder.StudyFolder,
+    locators: Mapping[str, str],
+    owner_id: int | None,
+    actor: str,
+    may_replace: Callable[[Session, int], bool],
+    proof: slugs.Proof,
+) -> StudyInfo:
+    plan = folder.plan
+    places = list(_candidates(folder, locators))
+    digest = plan_hash(plan, folder.texts, folder.recordings)
+    made_of = slugs.mark_of(folder.root)
+    with app.database.write() as db:
+        earlier = db.scalar(select(Study).where(Study.slug == plan.slug).with_for_update())
+        ties = {} if owner_id is None else {owner_id: OWNER}
+        if earlier is not None:
+            if not may_replace(db, earlier.id):
+                raise SlugTakenError(f"expected another slug: {plan.slug!r} is taken")
+            if earlier.status == DRAFT:
+                if earlier.plans[-1].plan_hash == digest:
+                    return _info(earlier, earlier.plans[-1])
+                slugs.require_same(db, earlier, made_of, proof)
+            ties = _ties(db, earlier.id) or ties
+            had = orphaned_videos.of_study(db, earlier.id)
+            _delete_draft(db, earlier)
+            orphaned_videos.leave(app, had)
+        now = app.now()
+        study = Study(slug=plan.slug, status=DRAFT, created_at=now)
+        version = PlanVersion(
+            study=study,
+            version=1,
+            plan_hash=digest,
+            plan=plan.model_dump(mode="json"),
+            texts={language: dict(texts) for language, texts in folder.texts.items()},
+            created_at=now,
+        )
+        db.add_all([study, version])
+        db.flush()
+        _store(db, study.id, places)
+        db.add_all(
+            StudyAccess(study_id=study.id, account_id=account_id, access=tie, created_at=now)
+            for account_id, tie in ties.items()
+        )
+        db.flush()
+        told = {"plan_hash": digest, slugs.FOLDER: made_of}
+        audit_log.note(db, now, actor, slugs.CREATED, study.slug, **told)
+        return _info(study, version)
+
+
+def _ties(db: Session, study_id: int) -> dict[int, str]:
+    """Whose a study is and whom it is shared with, by account."""
+    ties = db.scalars(select(StudyAccess).where(StudyAccess.study_id == study_id))
+    return {tie.account_id: tie.access for tie in ties}
+
+
+def find(app: AppContext, slug: str) -> StudyInfo:
+    """The study called `slug`, under its newest plan."""
+    with app.database.read() as db:
+        return read(db, slug)
+
+
+def read(db: Session, slug: str) -> StudyInfo:
+    study = db.scalar(select(Study).where(Study.slug == slug))
+    if study is None:
+        raise NotFoundError(f"there is no study named {slug!r}")
+    return _info(study, study.plans[-1])
+
+
+def all_studies(app: AppContext) -> list[StudyInfo]:
+    """Every study, the newest first."""
+    with app.database.read() as db:
+        rows = db.scalars(select(Study).order_by(Study.created_at.desc(), Study.id.desc()))
+        return [_info(study, study.plans[-1]) for study in rows]
+
+
+def open_study(app: AppContext, slug: str, actor: str = audit_log.COMMAND_LINE) -> StudyInfo:
+    """Let participants in. Opening an open study changes nothing."""
+    return _set_status(app, slug, OPEN, actor)
+
+
+def close_study(app: AppContext, slug: str, actor: str = audit_log.COMMAND_LINE) -> StudyInfo:
+    """Let nobody in any more; sessions under way may finish."""
+    return _set_status(app, slug, CLOSED, actor)
+
+
+def to_change(db: Session, slug: str) -> Study:
+    """The study's row, held for this transaction. Raises NotFoundError."""
+    study = db.scalar(select(Study).where(Study.slug == slug).with_for_update())
+    if study is None:
+        raise NotFoundError(f"there is no study named {slug!r}")
+    return study
+
+
+def _delete_draft(db: Session, study: Study) -> None:
+    if study.status != DRAFT:
+        raise ConflictError(
+            f"expected a draft or a new slug, and the study {study.slug!r} is {study.status}"
+        )
+    delete_row(db, study)
+
+
+def delete_row(db: Session, study: Study) -> None:
+    """Delete a study with all that hangs on it."""
+    db.expunge(study)
+    # In the database, not row by row: what hangs on a study goes with it. Sessions go first, since
+    # their queries point at recordings, which PostgreSQL would not let go before them.
+    db.execute(delete(SessionRow).where(SessionRow.study_id == study.id))
+    db.execute(delete(Study).where(Study.id == study.id))
+
+
+def recording_count(app: AppContext, study_id: int) -> int:
+    with app.database.read() as db:
+        return (
+            db.scalar(
+                select(func.count(Recording.id))
+                .join(Candidate, Recording.candidate_id == Candidate.id)
+                .where(Candidate.study_id == study_id)
+            )
+            or 0
+        )
+
+
+def _set_status(app: AppContext, slug: str, status: str, actor: str) -> StudyInfo:
+    with app.database.write() as db:
+        study = to_change(db, slug)
+        if study.status == DRAFT and status == CLOSED:
+            raise ConflictError(f"expected an open study to close, and {slug!r} is a draft")
+        if study.status != status:
+            study.status, study.paused_at = status, None
+            now = app.now()
+            if status == OPEN:
+                study.opened_at = study.opened_at or now
+                study.closed_at = None
+            else:
+                study.closed_at = now
+            done = "study opened" if status == OPEN else "study closed"
+            frozen = study.plans[-1].plan_hash
+            audit_log.note(db, now, actor, done, slug, plan_hash=frozen)
+        return _info(study, study.plans[-1])
+
+
+@cached(_plans, key=lambda version: version.plan_hash, lock=_lock)
+def stored_plan(version: PlanVersion) -> Plan:
+    """The plan of a stored version. A stored plan never changes, so it is parsed once."""
+    return Plan.model_validate(version.plan)
+
+
+@cached(_texts, key=lambda version: version.plan_hash, lock=_lock)
+def stored_texts(version: PlanVersion) -> Texts:
+    """The texts of a stored version, which never change either."""
+    return version.texts
+
+
+def plan_of(session: SessionRow) -> Plan:
+    """The plan as far as this session goes through it: without conditions switched off before it.
+
+    For how many trials and blocks there are; a trial's condition is one of the whole plan's.
+    """
+    return _narrowed(
+        session.plan.plan_hash, stored_plan(session.plan), frozenset(session.trial_conditions)
+    )
+
+
+def _narrowed(digest: str, plan: Plan, conditions: frozenset[int]) -> Plan:
+    if len(conditions) == len(plan.conditions):
+        return plan
+    return _narrowed_to(digest, plan, conditions)
+
+
+@cached(_narrowed_plans, key=lambda digest, _, conditions: (digest, conditions), lock=_lock)
+def _narrowed_to(digest: str, plan: Plan, conditions: frozenset[int]) -> Plan:
+    return assignment.narrowed(plan, conditions)
+
+
+def _info(study: Study, version: PlanVersion) -> StudyInfo:
+    return StudyInfo(
+        id=study.id,
+        slug=study.slug,
+        status=study.status,
+        plan=stored_plan(version),
+        texts=version.texts,
+        plan_id=version.id,
+        plan_hash=version.plan_hash,
+        plan_version=version.version,
+        created_at=study.created_at,
+        opened_at=study.opened_at,
+        closed_at=study.closed_at,
+        paused_at=study.paused_at,
+        conditions_off=tuple(study.conditions_off),
+    )
+
+
+@dataclass(frozen=True)
+class _Place:
+    """A candidate and its recordings, as the columns of their rows: there may be thousands."""
+
+    candidate: Mapping[str, Any]
+    recordings: list[dict[str, Any]]
+
+
+def _store(db: Session, study_id: int, places: Sequence[_Place]) -> None:
+    ids = db.scalars(
+        insert(Candidate).returning(Candidate.id, sort_by_parameter_order=True),
+        [{"study_id": study_id, **place.candidate} for place in places],
+    )
+    db.execute(
+        insert(Recording),
+        [
+            {"candidate_id": candidate_id, "public_id": new_public_id(), **recording}
+            for candidate_id, place in zip(ids, places, strict=True)
+            for recording in place.recordings
+        ],
+    )
+
+
+def _candidates(folder: study_folder.StudyFolder, locators: Mapping[str, str]) -> Iterator[_Place]:
+    for name, environment in folder.plan.environments.items():
+        if environment.source == recordings.CRANE:
+            yield from _crane_candidates(name)
+        else:
+            yield from _file_candidates(folder, locators, name)
+
+
+def _crane_candidates(environment: str) -> Iterator[_Place]:
+    scores = library.scores(environment)  # (231, 5)
+    for index, values in enumerate(crane_environments.candidates()):
+        yield _Place(
+            {
+                "environment": environment,
+                "candidate_index": index,
+                "parameters": dict(zip(CRANE_PARAMETERS, map(float, values), strict=True)),
+            },
+            [
+                {
+                    "run_index": run,
+                    "source": recordings.CRANE,
+                    "locator": recordings.crane_locator(environment, index, run),
+                    "file": None,
+                    "duration_s": DURATION_S,
+                    "score": float(scores[index, run]),
+                }
+                for run in range(scores.shape[1])
+            ],
+        )
+
+
+def _file_candidates(
+    folder: study_folder.StudyFolder, locators: Mapping[str, str], environment: str
+) -> Iterator[_Place]:
+    names = [parameter.name for parameter in folder.plan.parameters]
+    found: dict[tuple[float, ...], _Place] = {}
+    for row in folder.recordings:
+        if row.environment != environment:
+            continue
+        place = found.get(row.candidate)
+        if place is None:
+            place = found[row.candidate] = _Place(
+                {
+                    "environment": environment,
+                    "candidate_index": len(found),
+                    "parameters": dict(zip(names, row.candidate, strict=True)),
+                },
+                [],
+            )
+        place.recordings.append(
+            {
+                "run_index": len(place.recordings),
+                "source": recordings.FILE,
+                "locator": locators[row.sha256],
+                "file": row.file,
+                "duration_s": row.duration_s,
+                "score": row.score,
+            }
+        )
+    yield from found.values()

@@ -1,0 +1,93 @@
+"""Whose a study is, and whom it is shared with."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import datetime
+
+from sqlalchemy import Select, select
+
+from app.services.accounts import accounts, audit_log
+from app.services.accounts.accounts import Role
+from app.services.context import AppContext
+from app.services.runtime.errors import ConflictError, NotFoundError
+from app.storage.models.accounts import Account, StudyAccess
+
+from . import repository
+
+
+@dataclass(frozen=True)
+class Tie:
+    """An account that has to do with a study: its owner, or somebody it is shared with."""
+
+    account_id: int
+    email: str
+    is_owner: bool
+    is_disabled: bool
+    since: datetime
+
+
+def ties(app: AppContext, slug: str) -> list[Tie]:
+    """The owner first, then the others by address."""
+    with app.database.read() as db:
+        study = repository.read(db, slug)
+        rows = db.execute(
+            select(StudyAccess, Account)
+            .join(Account, StudyAccess.account_id == Account.id)
+            .where(StudyAccess.study_id == study.id)
+        ).all()
+    found = [
+        Tie(
+            account.id,
+            account.email,
+            tie.access == repository.OWNER,
+            account.disabled_at is not None,
+            tie.created_at,
+        )
+        for tie, account in rows
+    ]
+    return sorted(found, key=lambda tie: (not tie.is_owner, tie.email))
+
+
+def share(app: AppContext, slug: str, email: str, actor: str) -> None:
+    """Share a study with an experimenter. Sharing twice changes nothing.
+
+    Raises NotFoundError if nobody has the address, ConflictError for a reviewer.
+    """
+    with app.database.write() as db:
+        # Held: of two at once the second sees what the first has done.
+        study = repository.to_change(db, slug)
+        account = accounts.require(db, email)
+        if account.role == Role.REVIEWER:
+            raise ConflictError(
+                f"expected an experimenter: {account.email} is a reviewer, and reads every design"
+            )
+        if db.scalar(_tie_of(study.id, account.id)) is not None:
+            return
+        db.add(
+            StudyAccess(
+                study_id=study.id,
+                account_id=account.id,
+                access=repository.SHARED,
+                created_at=app.now(),
+            )
+        )
+        audit_log.note(db, app.now(), actor, "study shared", slug, account=account.email)
+
+
+def stop_sharing(app: AppContext, slug: str, account_id: int, actor: str) -> None:
+    """Take a study back from somebody it is shared with. Raises NotFoundError."""
+    with app.database.write() as db:
+        study = repository.read(db, slug)
+        tie = db.scalar(_tie_of(study.id, account_id))
+        if tie is None or tie.access != repository.SHARED:
+            raise NotFoundError("expected somebody whom the study is shared with")
+        account = db.get_one(Account, account_id)
+        db.delete(tie)
+        audit_log.note(db, app.now(), actor, "sharing ended", slug, account=account.email)
+
+
+def _tie_of(study_id: int, account_id: int) -> Select[StudyAccess]:
+    return select(StudyAccess).where(
+        StudyAccess.study_id == study_id, StudyAccess.account_id == account_id
+    )

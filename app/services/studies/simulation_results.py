@@ -1,0 +1,225 @@
+"""What simulated sessions tell of a design: how long it takes, and whom and what it needs."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+from sqlalchemy import func, select
+from sqlalchemy.orm import Session
+
+from app.services import jobs
+from app.services.accounts import audit_log
+from app.services.accounts.accounts import Principal
+from app.services.context import AppContext
+from app.services.runtime.errors import ConflictError
+from app.statistics.power import Interval, mean_interval, people_needed
+from app.storage.models.studies import Acquired, Candidate, Recording, SessionRow, Trial
+from app.study import assignment
+
+from .candidate_scores import mean_scores
+from .repository import StudyInfo
+
+#: What an evaluator takes to decide after both videos were seen once, in seconds: an assumption.
+THINKING_S = 4.0
+#: What the texts before the first trial take to read, in seconds: an assumption.
+READING_S = 180.0
+#: A regret this close to the lowest that follows counts as no worse, as a part of all gained.
+NO_WORSE = 0.1
+
+#: The kind of job that lets simulated evaluators walk through a study.
+SIMULATE = "simulate"
+#: More at once would keep the page waiting for hours: the command line has no such limit.
+MOST_SESSIONS = 500
+
+#: (session, condition) -> what the acquired candidate scored after each query, shape (queries,).
+Curves = Mapping[tuple[int, str], list[float]]
+
+
+@dataclass(frozen=True)
+class RegretLine:
+    """How far what a condition acquires lies below the best candidate, after so many queries."""
+
+    condition: str
+    query: int
+    regret: Interval
+
+
+@dataclass(frozen=True)
+class Contrast:
+    """Two conditions: how their acquired scores differ, and how many people would show it."""
+
+    first: str
+    second: str
+    difference: Interval
+    people: int | None
+
+
+@dataclass(frozen=True)
+class Design:
+    """What can be said of a design from its simulated sessions."""
+
+    sessions: int
+    regrets: Sequence[RegretLine]
+    contrasts: Sequence[Contrast]
+    queries_enough: Mapping[str, int]
+
+
+@dataclass(frozen=True)
+class Duration:
+    """About how long a session takes, in seconds, and the lengths that this is made of."""
+
+    total_s: float
+    video_s: float
+    pairs: int
+    breaks_s: float
+
+
+def simulate(
+    app: AppContext, caller: Principal, study: StudyInfo, sessions: int, kind: str, seed: int
+) -> jobs.JobInfo:
+    """Ask for simulated sessions. Raises ConflictError if a recording has no score."""
+    with app.database.read() as db:
+        unscored = db.scalar(
+            select(func.count(Recording.id))
+            .join(Candidate, Recording.candidate_id == Candidate.id)
+            .where(Candidate.study_id == study.id, Recording.score.is_(None))
+        )
+        before = db.scalar(
+            select(func.count(SessionRow.id)).where(
+                SessionRow.study_id == study.id,
+                SessionRow.mode == "simulated",
+                SessionRow.stage == "completed",
+            )
+        )
+    if unscored:
+        raise ConflictError(
+            "expected a score for every recording, since simulated evaluators answer from them,"
+            f" and {unscored} have none"
+        )
+    request = {
+        "slug": study.slug,
+        "sessions": sessions,
+        "evaluator": kind,
+        "seed": seed,
+        "before": before or 0,
+    }
+    asked = jobs.ask(app, caller, SIMULATE, request, study.id)
+    audit_log.note_alone(
+        app, caller.email, "simulation asked for", study.slug, sessions=sessions, evaluator=kind
+    )
+    return asked
+
+
+def duration(app: AppContext, study: StudyInfo) -> Duration | None:
+    """An estimate from the videos' lengths; None without videos."""
+    on = assignment.conditions_on(study.plan, study.conditions_off)
+    plan = assignment.narrowed(study.plan, on)
+    with app.database.read() as db:
+        lengths: dict[str, float] = {
+            environment: float(seconds)
+            for environment, seconds in db.execute(
+                select(Candidate.environment, func.avg(Recording.duration_s))
+                .join(Recording, Recording.candidate_id == Candidate.id)
+                .where(Candidate.study_id == study.id)
+                .group_by(Candidate.environment)
+            )
+        }
+    if not lengths:
+        return None
+    video_s = float(np.mean([lengths[condition.environment] for condition in plan.conditions]))
+    pairs = plan.trials * plan.shown_per_trial + plan.practice.queries
+    blocks = plan.trials // plan.trials_per_block
+    breaks_s = float((plan.trials - 1) * plan.break_s)
+    watching_s = blocks * plan.familiarisation.required * video_s
+    total_s = READING_S + watching_s + pairs * (video_s + THINKING_S) + breaks_s
+    return Duration(total_s, video_s, pairs, breaks_s)
+
+
+def design(app: AppContext, study: StudyInfo) -> Design | None:
+    """What the study's completed simulated sessions tell; None without any."""
+    with app.database.read() as db:
+        scores = mean_scores(db, study.id)
+        curves = _curves(db, study.id, scores)
+    if not curves:
+        return None
+    plan = study.plan
+    best: dict[str, float] = {}
+    for (where, _), score in scores.items():
+        best[where] = max(score, best.get(where, score))
+    environment = {one.name: one.environment for one in plan.conditions}
+    names = [one.name for one in plan.conditions if any(name == one.name for _, name in curves)]
+    regrets = {
+        name: best[environment[name]] - np.array([curves[key] for key in curves if key[1] == name])
+        for name in names
+    }  # each (sessions, queries)
+    return Design(
+        sessions=len({session_id for session_id, _ in curves}),
+        regrets=[
+            RegretLine(name, query, mean_interval(regrets[name][:, query - 1].tolist()))
+            for name in names
+            for query in _steps(regrets[name].shape[1])
+        ],
+        contrasts=[
+            contrast
+            for first, second in combinations(names, 2)
+            if environment[first] == environment[second]
+            and (contrast := _contrast(curves, first, second)) is not None
+        ],
+        queries_enough={name: _enough(regrets[name].mean(axis=0)) for name in names},
+    )
+
+
+def _contrast(curves: Curves, first: str, second: str) -> Contrast | None:
+    """Within each session that has both: second's acquired score less first's, at the end."""
+    sessions = {session_id for session_id, name in curves if name == first}
+    differences = [
+        curves[session_id, second][-1] - curves[session_id, first][-1]
+        for session_id in sorted(sessions)
+        if (session_id, second) in curves
+    ]
+    if not differences:
+        return None
+    return Contrast(first, second, mean_interval(differences), people_needed(differences))
+
+
+def _enough(mean_regret: NDArray[np.float64]) -> int:
+    """The first query after which the mean regret, of shape (queries,), hardly gets lower."""
+    lowest_yet_to_come = np.minimum.accumulate(mean_regret[::-1])[::-1]
+    gained = float(mean_regret[0] - mean_regret.min())
+    hardly = mean_regret - lowest_yet_to_come <= NO_WORSE * gained + 1e-12
+    return int(np.flatnonzero(hardly)[0]) + 1
+
+
+def _steps(queries: int) -> list[int]:
+    """Thirds of a trial: 10, 20 and 30 of 30 queries, as the paper shows them."""
+    return sorted({max(1, round(queries * third / 3)) for third in (1, 2, 3)})
+
+
+def _curves(db: Session, study_id: int, scores: Mapping[tuple[str, int], float]) -> Curves:
+    """Averaged over a session's trials of a condition; trials of another length are left out."""
+    trials: dict[tuple[int, str, int], list[float]] = defaultdict(list)
+    for session_id, condition, trial_id, environment, candidate in db.execute(
+        select(SessionRow.id, Trial.condition, Trial.id, Trial.environment, Acquired.candidate)
+        .join(Trial, Trial.session_id == SessionRow.id)
+        .join(Acquired, Acquired.trial_id == Trial.id)
+        .where(
+            SessionRow.study_id == study_id,
+            SessionRow.mode == "simulated",
+            SessionRow.stage == "completed",
+            Trial.trial_index >= 0,
+        )
+        .order_by(Trial.id, Acquired.query_index)
+    ):
+        if (environment, candidate) in scores:
+            trials[session_id, condition, trial_id].append(scores[environment, candidate])
+    longest = max(map(len, trials.values()), default=0)
+    grouped: dict[tuple[int, str], list[list[float]]] = defaultdict(list)
+    for (session_id, condition, _), curve in trials.items():
+        if len(curve) == longest:
+            grouped[session_id, condition].append(curve)
+    return {key: np.mean(curves, axis=0).tolist() for key, curves in grouped.items()}

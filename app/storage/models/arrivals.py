@@ -1,0 +1,79 @@
+"""The tables of how people come in and leave: links that let one in, and what a deletion leaves."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from typing import Any
+
+from sqlalchemy import JSON, ForeignKey, String
+from sqlalchemy.orm import Mapped, mapped_column
+
+from .studies import Base, one_of
+
+
+class EntryLink(Base):
+    """A link of the study's own that lets one person in once."""
+
+    __tablename__ = "entry_links"
+
+    id: Mapped[int] = mapped_column(primary_key=True)
+    study_id: Mapped[int] = mapped_column(ForeignKey("studies.id", ondelete="CASCADE"), index=True)
+    token_hash: Mapped[str] = mapped_column(String(64), unique=True)
+    label: Mapped[str] = mapped_column(String(100))
+    created_at: Mapped[datetime]
+    used_at: Mapped[datetime | None]
+
+
+class Reentry(Base):
+    """A further way into a session: its person, recognised, came back in another browser."""
+
+    __tablename__ = "reentries"
+
+    id: Mapped[int] = mapped_column(primary_key=True)
+    session_id: Mapped[int] = mapped_column(
+        ForeignKey("sessions.id", ondelete="CASCADE"), index=True
+    )
+    token_hash: Mapped[str] = mapped_column(String(64), unique=True)
+    receipt_hash: Mapped[str] = mapped_column(String(64), unique=True)
+    created_at: Mapped[datetime]
+
+
+class Tombstone(Base):
+    """That a session was deleted, and why: for the count, nothing of the person."""
+
+    __tablename__ = "tombstones"
+    __table_args__ = (one_of("reason", "wish", "retention"),)
+
+    id: Mapped[int] = mapped_column(primary_key=True)
+    study_id: Mapped[int] = mapped_column(ForeignKey("studies.id", ondelete="CASCADE"), index=True)
+    mode: Mapped[str] = mapped_column(String(10))
+    stage: Mapped[str] = mapped_column(String(16))
+    # At the person's wish, or by the study's rule on how long it keeps what it was given.
+    reason: Mapped[str] = mapped_column(String(10))
+    deleted_at: Mapped[datetime]
+
+
+class DeletedStudy(Base):
+    """That a study of this name was deleted, and the way back for those who were in it."""
+
+    __tablename__ = "deleted_studies"
+
+    id: Mapped[int] = mapped_column(primary_key=True)
+    slug: Mapped[str] = mapped_column(String(60), unique=True)
+    # The platform's technical code and address, as the plan had them.
+    way_back: Mapped[dict[str, Any] | None] = mapped_column(JSON)
+    # The day: see `Tombstone`.
+    deleted_on: Mapped[datetime]
+
+
+class DeletedSession(Base):
+    """A session that ended with its study: whose browser it was can be told so, by its token."""
+
+    __tablename__ = "deleted_sessions"
+
+    id: Mapped[int] = mapped_column(primary_key=True)
+    deleted_study_id: Mapped[int] = mapped_column(
+        ForeignKey("deleted_studies.id", ondelete="CASCADE"), index=True
+    )
+    # A hash of the session's random token, and not the one that a backup holds.
+    token_key: Mapped[str] = mapped_column(String(64), unique=True)

@@ -1,0 +1,67 @@
+"""Tasks whose worker was lost: killed, or cut off from the database."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import timedelta
+
+from sqlalchemy import Integer, exists, func, literal_column, select, update
+from sqlalchemy.orm import Session
+
+from .procrastinate_tables import FAILED, FAULT, LOST, RUNNING, TASKS, WAITING, WORKERS, is_in
+
+
+@dataclass(frozen=True)
+class Lost:
+    """A task that was lost for so many times, and is not tried again if it `is_over`."""
+
+    name: str
+    argument: str
+    times: int
+    is_over: bool
+
+    @property
+    def fault(self) -> str:
+        return f"it was given up after {self.times} workers were lost at it"
+
+
+def take_back(db: Session, silent_s: float, most: int) -> list[Lost]:
+    """Let those tasks wait again whose worker was not heard of for so long, in seconds.
+
+    Each loss counts once, however many workers look; a task that was lost `most` times has failed.
+    """
+    is_heard_of = exists().where(
+        WORKERS.c.id == TASKS.c.worker_id,
+        WORKERS.c.last_heartbeat > func.now() - timedelta(seconds=silent_s),
+    )
+    other = TASKS.alias()
+    # Of retention there may be one in hand, and the next one waits.
+    has_a_twin = exists().where(
+        other.c.queueing_lock == TASKS.c.queueing_lock, is_in(WAITING, other)
+    )
+    times = func.coalesce(TASKS.c.args[LOST].astext, "0").cast(Integer) + 1
+    found = db.execute(
+        select(TASKS.c.id, TASKS.c.task_name, TASKS.c.args["argument"].astext, times, has_a_twin)
+        .where(is_in(RUNNING), ~is_heard_of)
+        .with_for_update(of=TASKS, skip_locked=True)
+    ).all()
+    return [
+        _take_back(db, task_id, Lost(name, argument or "", times, times >= most or twin))
+        for task_id, name, argument, times, twin in found
+    ]
+
+
+def _take_back(db: Session, task_id: int, lost: Lost) -> Lost:
+    noted: dict[str, object] = {LOST: lost.times}
+    if lost.is_over:
+        noted[FAULT] = lost.fault
+    db.execute(
+        update(TASKS)
+        .where(TASKS.c.id == task_id)
+        .values(
+            status=literal_column(f"'{FAILED if lost.is_over else WAITING}'"),
+            args=TASKS.c.args.concat(noted),
+            attempts=TASKS.c.attempts + 1,
+        )
+    )
+    return lost

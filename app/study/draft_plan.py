@@ -1,0 +1,74 @@
+"""The first `study.yaml` of a study made in the browser: the commented example, renamed."""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import io
+import re
+import unicodedata
+from collections.abc import Sequence
+from pathlib import Path
+
+from ruamel.yaml.comments import CommentedMap
+
+from .recordings import FILE_COLUMN, SCORE_COLUMN
+from .scaffold import EXAMPLE
+from .yaml_edit import edited, put
+
+#: What stands in the place of a study's own environment until it is called something.
+ENVIRONMENT = "videos"
+LONGEST_SLUG = 60
+
+
+def slug_of(title: str) -> str:
+    """A name for links made of a title: `Pouring water!` becomes `pouring-water`.
+
+    Where most of its letters are none of a to z, what is left of two titles may be the same: then
+    six characters of the title's hash follow, as in `study-3fa9c1`.
+    """
+    taken_apart = unicodedata.normalize("NFKD", title.casefold())
+    plain = taken_apart.encode("ascii", "ignore").decode()
+    slug = re.sub(r"[^a-z0-9]+", "-", plain).strip("-")
+    letters = [letter for letter in taken_apart if letter.isalpha()]
+    if letters and 2 * sum(map(str.isascii, letters)) < len(letters):
+        digest = hashlib.sha256(unicodedata.normalize("NFC", title).encode()).hexdigest()[:6]
+        slug = f"{slug[: LONGEST_SLUG - 7].strip('-') or 'study'}-{digest}"
+    return slug[:LONGEST_SLUG].strip("-") or "my-study"
+
+
+def parameters_of(csv_text: str) -> list[str]:
+    """The columns of a recordings' CSV that are parameters."""
+    header = next(csv.reader(io.StringIO(csv_text)), [])
+    names = [name.strip() for name in header]
+    return [name for name in names if name and name not in (FILE_COLUMN, SCORE_COLUMN)]
+
+
+def begin_plan(
+    title: str,
+    source: str = "recordings.csv",
+    parameters: Sequence[str] = (),
+    slug: str | None = None,
+) -> str:
+    """A `study.yaml` with every key explained. Without parameters the example's stand there.
+
+    slug: by default one made of the title.
+    """
+    text = (EXAMPLE / "study.yaml").read_text(encoding="utf-8")
+    text = text.replace("  kitchen:\n    label: Kitchen\n", f"  {ENVIRONMENT}:\n")
+    text = text.replace("environment: kitchen", f"environment: {ENVIRONMENT}")
+
+    def fill(data: CommentedMap) -> None:
+        put(data, "slug", slug or slug_of(title))
+        put(data, "title", title)
+        put(data["environments"][ENVIRONMENT], "source", source)
+        if parameters:
+            put(data, "parameters", [{"name": name} for name in parameters])
+
+    return edited(text, fill)
+
+
+def example_texts() -> dict[str, str]:
+    """The example's English texts by their places in a folder, with places to be filled in."""
+    folder: Path = EXAMPLE / "texts" / "en"
+    return {f"texts/en/{path.name}": path.read_text(encoding="utf-8") for path in folder.iterdir()}

@@ -1,0 +1,85 @@
+"""A plan in sentences, for those who decide about a study without reading its file."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from .plan import Plan
+from .recruitment import NO_PLATFORM
+
+
+def in_words(plan: Plan) -> list[str]:
+    """What happens to a participant, in order, and how people come in."""
+    return [*_session(plan), *_people(plan)]
+
+
+def _session(plan: Plan) -> Iterator[str]:
+    if plan.device_check is not None:
+        yield "After the consent, the device is checked: who does not pass may try again."
+    each = " of each block" if plan.blocks == "environment" else ""
+    videos = plan.familiarisation
+    if videos.videos:
+        needed = f", {videos.required} of them to their end" if videos.required else ""
+        yield f"Before the first trial{each}, {_many(videos.videos, 'video')} to watch{needed}."
+    if plan.practice.queries:
+        yield (
+            f"{_many(plan.practice.queries, 'pair')} to learn the page by; the answers reach no"
+            " model."
+        )
+    yield (
+        f"{_many(plan.trials, 'trial')}: each of {_many(len(plan.conditions), 'condition')}"
+        f" {_times(plan.trials_per_condition)}, {_order(plan)}."
+    )
+    yield f"In each trial, {_many(plan.queries_per_trial, 'pair')} of videos chosen by its method."
+    checks = []
+    if plan.repeats_per_trial:
+        checks.append(f"{_many(plan.repeats_per_trial, 'earlier pair')} again with sides swapped")
+    if plan.attention_per_trial:
+        checks.append(f"{_many(plan.attention_per_trial, 'pair')} of a known bad and a known good")
+    if checks:
+        yield f"Between them, as checks: {' and '.join(checks)}."
+    if plan.query.watch_once:
+        yield "The buttons open once both videos were seen to their end."
+    if plan.query.undo_s:
+        yield f"For {plan.query.undo_s} s the last answer can be taken back."
+    if plan.trials > 1:
+        rest = f"{plan.break_s} s of rest" if plan.break_s else "No rest"
+        yield f"{rest} between trials."
+    for items, when in (
+        (plan.questionnaires.after_trial, "After each trial"),
+        (plan.questionnaires.end, "At the end"),
+    ):
+        if items:
+            yield f"{when}, {_many(len(items), 'question')}."
+
+
+def _people(plan: Plan) -> Iterator[str]:
+    if plan.places is not None:
+        yield f"Places for {plan.places} people."
+    if plan.reward is not None:
+        yield f"{plan.reward.amount:g} {plan.reward.currency} for a completed session."
+    recruitment = plan.recruitment
+    if recruitment.platform != NO_PLATFORM:
+        yield f"People come from {recruitment.label}."
+    elif recruitment.links == "single-use":
+        yield "Each person has a link of their own, which lets one in once."
+    else:
+        yield "Everybody who has the study's link may take part."
+    if recruitment.takes_each_once:
+        yield "Nobody takes part twice."
+    days = plan.session_expires_after_days
+    yield f"A session that was left open can be taken up for {_many(days, 'day')}."
+
+
+def _order(plan: Plan) -> str:
+    if plan.order == "fixed":
+        return "in a fixed order"
+    return "in orders balanced over people"
+
+
+def _many(number: int, what: str) -> str:
+    return f"{number} {what}{'' if number == 1 else 's'}"
+
+
+def _times(number: int) -> str:
+    return {1: "once", 2: "twice"}.get(number, f"{number} times")

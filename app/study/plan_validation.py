@@ -1,0 +1,203 @@
+"""What has to agree between the fields of a plan.
+
+These checks read the plan as plain data and pass over whatever is missing or of the wrong type
+(the fields' own rules name that), so that one reading of a broken file finds every fault in it.
+"""
+
+import math
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+from . import recruitment, retention
+from .attention_checks import checks_inconsistencies
+from .files import misplaced
+from .parsed_plan import (
+    Inconsistency,
+    Place,
+    all_languages,
+    as_list,
+    as_mapping,
+    languages_of,
+    repeats,
+)
+from .query_settings import skip_inconsistencies
+from .questionnaire import item_inconsistencies
+from .stage_settings import PRACTICE
+
+CRANE = "crane"
+CRANE_ENVIRONMENTS = ("env1", "env2")
+CRANE_PARAMETERS = ("w0", "w1")
+
+# Columns that exported tables and recordings.csv have of their own: a parameter of the same name
+# would give a table two columns with one name ("candidate" would become a second left_candidate).
+RESERVED_PARAMETERS = frozenset(
+    {
+        "candidate",
+        "duration_s",
+        "environment",
+        "file",
+        "posterior_mean",
+        "posterior_std",
+        "query_index",
+        "public_id",
+        "recording",
+        "run",
+        "score",
+        "session_id",
+        "sha256",
+        "source",
+        "study",
+        "trial_index",
+    }
+)
+
+
+@dataclass(frozen=True)
+class Method:
+    """A method of choosing queries, and whether evaluators may skip under it (Section IV-B)."""
+
+    name: str
+    allows_skip: bool
+
+
+METHODS = (
+    Method("pbpo", allows_skip=True),
+    Method("pbpo-no-synthesis", allows_skip=True),
+    Method("pbpo-no-skip", allows_skip=False),
+    Method("knockout", allows_skip=False),
+    Method("pbpo-threshold", allows_skip=True),
+)
+
+
+def inconsistencies(plan: Mapping[str, object]) -> list[Inconsistency]:
+    """All disagreements within a plan, given as plain data."""
+    return [
+        *_languages(plan),
+        *_parameters(plan),
+        *_environments(plan),
+        *_conditions(plan),
+        *_practice(plan),
+        *_resume(plan),
+        *_familiarisation(plan),
+        *checks_inconsistencies(plan, parameter_names(plan)),
+        *recruitment.disagreements(plan),
+        *retention.disagreements(plan),
+        *_blocks(plan),
+        *item_inconsistencies(plan, languages_of(plan)),
+    ]
+
+
+def _languages(plan: Mapping[str, object]) -> Iterator[Inconsistency]:
+    languages = languages_of(plan)
+    yield from repeats("languages", as_list(plan.get("languages")))
+    yield from all_languages(("title",), plan.get("title"), languages)
+
+
+def _parameters(plan: Mapping[str, object]) -> Iterator[Inconsistency]:
+    names = parameter_names(plan)
+    yield from repeats("parameters", names, "name")
+    for index, name in enumerate(names):
+        if name in RESERVED_PARAMETERS:
+            taken = f"expected another name, {name!r} is a column that exported tables have already"
+            yield Inconsistency(("parameters", index, "name"), taken)
+
+
+def _environments(plan: Mapping[str, object]) -> Iterator[Inconsistency]:
+    read_by: dict[object, str] = {}
+    names = parameter_names(plan)
+    for name, environment in as_mapping(plan.get("environments")).items():
+        source = as_mapping(environment).get("source")
+        place = ("environments", name, "source")
+        if source == CRANE:
+            if name not in CRANE_ENVIRONMENTS:
+                known = " or ".join(CRANE_ENVIRONMENTS)
+                yield Inconsistency(place, f"expected {known} for source crane, got {name!r}")
+            if names and tuple(names) != CRANE_PARAMETERS:
+                expected, came = ", ".join(CRANE_PARAMETERS), ", ".join(map(str, names))
+                message = f"expected the parameters {expected} for source crane, got {came}"
+                yield Inconsistency(place, message)
+        elif isinstance(source, str):
+            problem = misplaced(source)
+            if problem is not None:
+                yield Inconsistency(place, problem)
+            if source in read_by:
+                message = f"expected a file of its own, got {source!r}, which {read_by[source]} has"
+                yield Inconsistency(place, message)
+            read_by.setdefault(source, name)
+
+
+def _conditions(plan: Mapping[str, object]) -> Iterator[Inconsistency]:
+    conditions = [as_mapping(condition) for condition in as_list(plan.get("conditions"))]
+    environments = as_mapping(plan.get("environments"))
+    allows_skip = {method.name: method.allows_skip for method in METHODS}
+    yield from repeats("conditions", [condition.get("name") for condition in conditions], "name")
+    for index, condition in enumerate(conditions):
+        place: Place = ("conditions", index)
+        environment = condition.get("environment")
+        if isinstance(environment, str) and environments and environment not in environments:
+            known = ", ".join(environments)
+            message = f"expected one of the environments ({known}), got {environment!r}"
+            yield Inconsistency((*place, "environment"), message)
+
+        method, skip = condition.get("method"), condition.get("skip")
+        if isinstance(method, str) and method in allows_skip:
+            if allows_skip[method] and skip is None:
+                message = f"expected a skip button's label for method {method}, got none"
+                yield Inconsistency((*place, "skip"), message)
+            if not allows_skip[method] and skip is not None:
+                message = f"expected no skip button for method {method}, got one"
+                yield Inconsistency((*place, "skip"), message)
+        yield from skip_inconsistencies((*place, "skip"), skip, plan)
+        yield from _finite((*place, "settings"), condition.get("settings"))
+
+
+def _familiarisation(plan: Mapping[str, object]) -> Iterator[Inconsistency]:
+    familiarisation = as_mapping(plan.get("familiarisation"))
+    videos, required = familiarisation.get("videos", 0), familiarisation.get("required", 0)
+    if isinstance(videos, int) and isinstance(required, int) and required > videos:
+        message = f"expected at most the number of videos ({videos}), got {required}"
+        yield Inconsistency(("familiarisation", "required"), message)
+
+
+def _practice(plan: Mapping[str, object]) -> Iterator[Inconsistency]:
+    """In exported tables the practice stands where a condition's name does."""
+    for index, condition in enumerate(as_list(plan.get("conditions"))):
+        if as_mapping(condition).get("name") == PRACTICE and plan.get("practice") is not None:
+            message = f"expected another name, {PRACTICE!r} is what the practice is called"
+            yield Inconsistency(("conditions", index, "name"), message)
+
+
+def _resume(plan: Mapping[str, object]) -> Iterator[Inconsistency]:
+    """Without an age, nobody could be told from those who only refresh their page."""
+    resume = as_mapping(plan.get("resume"))
+    policy = resume.get("policy")
+    if policy in ("restart", "block") and resume.get("max_age_hours") is None:
+        message = f"expected a number of hours after which policy {policy} holds, got none"
+        yield Inconsistency(("resume", "max_age_hours"), message)
+
+
+def _blocks(plan: Mapping[str, object]) -> Iterator[Inconsistency]:
+    """Blocks of one length: so the place of a trial alone says which block it is in."""
+    if plan.get("blocks") != "environment":
+        return
+    conditions = [as_mapping(condition) for condition in as_list(plan.get("conditions"))]
+    sizes = Counter(str(condition.get("environment")) for condition in conditions)
+    if len(set(sizes.values())) > 1:
+        counted = ", ".join(f"{number} in {name}" for name, number in sizes.items())
+        message = f"expected as many conditions in each environment, got {counted}"
+        yield Inconsistency(("blocks",), message)
+
+
+def _finite(place: Place, value: object) -> Iterator[Inconsistency]:
+    """Settings go into JSON, which has no infinity and no NaN."""
+    if isinstance(value, float) and not math.isfinite(value):
+        yield Inconsistency(place, f"expected a finite number, got {value}")
+    for key, inner in as_mapping(value).items():
+        yield from _finite((*place, key), inner)
+    for index, inner in enumerate(as_list(value)):
+        yield from _finite((*place, index), inner)
+
+
+def parameter_names(plan: Mapping[str, object]) -> list[object]:
+    return [as_mapping(parameter).get("name") for parameter in as_list(plan.get("parameters"))]

@@ -1,0 +1,51 @@
+"""What a plan may say of the comparisons themselves: skips and their reasons, the query page."""
+
+from collections.abc import Iterator, Mapping
+from typing import Annotated
+
+from pydantic import Field, StrictBool, StrictInt, StrictStr, StringConstraints
+
+from .parsed_plan import Inconsistency, Place, all_languages, as_mapping, languages_of
+from .plan_model import ONE_OR_MORE_TEXTS, LocalText, Part
+
+FEWEST_REASONS, MOST_REASONS = 2, 4
+
+ReasonName = Annotated[StrictStr, StringConstraints(pattern=r"^[a-z][a-z0-9_]{0,39}$")]
+
+
+class Skip(Part):
+    """The skip button: there is one exactly where the method has a use for a skip."""
+
+    label: LocalText = Field(description=ONE_OR_MORE_TEXTS)
+    reasons: dict[ReasonName, LocalText] | None = Field(
+        default=None,
+        min_length=FEWEST_REASONS,
+        max_length=MOST_REASONS,
+        description=f"a mapping of {FEWEST_REASONS} to {MOST_REASONS} reasons, each with its text,"
+        " such as {both_bad: Both are bad, cannot_tell: I cannot tell}",
+    )
+
+
+class QueryPage(Part):
+    """How a pair is shown and answered."""
+
+    watch_once: StrictBool = Field(
+        default=False,
+        description="true or false: whether both videos have to be seen to their end first",
+    )
+    undo_s: StrictInt = Field(
+        default=0,
+        ge=0,
+        le=60,
+        description="whole seconds from 0 (no undo) to 60 in which a response can be taken back",
+    )
+
+
+def skip_inconsistencies(
+    place: Place, skip: object, plan: Mapping[str, object]
+) -> Iterator[Inconsistency]:
+    """What of a skip button is not said in every language of the study."""
+    said = as_mapping(skip)
+    yield from all_languages((*place, "label"), said.get("label"), languages_of(plan))
+    for name, text in as_mapping(said.get("reasons")).items():
+        yield from all_languages((*place, "reasons", name), text, languages_of(plan))

@@ -1,0 +1,86 @@
+"""What a plan may say of the stages around its comparisons."""
+
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+from pydantic import Field, StrictBool, StrictInt
+
+from .plan_model import Part
+
+#: The practice's trial: before the first, and no trial of the plan.
+PRACTICE_INDEX = -1
+#: What the practice is called where a trial's condition or a query's type stands.
+PRACTICE = "practice"
+
+
+class Familiarisation(Part):
+    """The videos a person watches beforehand, drawn at random."""
+
+    videos: StrictInt = Field(
+        default=0, ge=0, le=1000, description="a whole number from 0 (none) to 1000"
+    )
+    required: StrictInt = Field(
+        default=0, ge=0, le=1000, description="a whole number from 0 to the number of videos"
+    )
+    # Faster than 4x, a movement of a second is over in a few frames.
+    speeds: tuple[Annotated[float, Field(ge=0.25, le=4, allow_inf_nan=False)], ...] = Field(
+        default=(1.0, 2.0, 3.0, 4.0),
+        min_length=1,
+        max_length=8,
+        description="a list of speeds from 0.25 to 4 such as [1, 2, 4], the first to begin with",
+    )
+
+
+class Practice(Part):
+    """Pairs to learn the page by, drawn at random; their answers never reach a model."""
+
+    queries: StrictInt = Field(
+        default=0, ge=0, le=100, description="a whole number from 0 (none) to 100"
+    )
+
+
+class Resume(Part):
+    """What happens to somebody who comes back to a session that they did not finish.
+
+    Within `max_age_hours` of their last action everybody goes on where they were: a closed page, a
+    refresh and a power cut look alike.
+    """
+
+    policy: Literal["resume", "restart", "block"] = Field(
+        default="resume", description="resume, restart or block"
+    )
+    max_age_hours: Annotated[float, Field(ge=0.5, le=8760, allow_inf_nan=False)] | None = Field(
+        default=None, description="a number of hours from 0.5 to 8760"
+    )
+
+
+@dataclass(frozen=True)
+class Device:
+    """What a browser measured: its width, whether the clip played to its end, and the line."""
+
+    width_px: int
+    played: bool = False
+    mbit_s: float | None = None
+
+
+class DeviceCheck(Part):
+    """What a device has to be capable of before it is any use to begin."""
+
+    test_clip: StrictBool = Field(default=True, description="true or false")
+    min_width_px: StrictInt | None = Field(
+        default=None, ge=200, le=10_000, description="a whole number of pixels from 200 to 10000"
+    )
+    min_mbit_s: Annotated[float, Field(gt=0, le=1000, allow_inf_nan=False)] | None = Field(
+        default=None, description="a number of Mbit/s above 0"
+    )
+
+    def shortcomings(self, device: Device) -> tuple[str, ...]:
+        """What the device lacks: any of width, clip and line."""
+        found = []
+        if self.min_width_px is not None and device.width_px < self.min_width_px:
+            found.append("width")
+        if self.test_clip and not device.played:
+            found.append("clip")
+        if self.min_mbit_s is not None and (device.mbit_s or 0) < self.min_mbit_s:
+            found.append("line")
+        return tuple(found)

@@ -1,0 +1,1 @@
+"""Pages of evaluators, under /s/{slug}, and the media that they load."""

@@ -1,0 +1,90 @@
+"""What a request says of the person who comes: their platform's ids, or the token of their link."""
+
+from __future__ import annotations
+
+from fastapi import Request
+
+from app.services.arrival import entry_links, session_holder
+from app.services.arrival.session_holder import Holder
+from app.services.context import AppContext
+from app.services.failure_counter import Kind, Where
+from app.services.platform_keys import READING_S
+from app.services.runtime.errors import IdsRefusedError, SignedLinkError
+from app.services.sessions import completion
+from app.services.studies import repository, session_modes
+from app.study.identifiers import Given
+from app.web.http import session_paths
+from app.web.http.security import session_cookie
+
+from . import session_cookies
+
+#: The parameter of a link that lets one person in.
+ENTRY = "entry"
+#: By how much the platform's clock and ours may differ, in seconds.
+_CLOCKS_APART_S = 60.0
+
+
+def given(request: Request, slug: str, app: AppContext) -> Given:
+    """What the link says that may be kept. Raises NotFoundError or IdsRefusedError."""
+    if not request.query_params or session_paths.mode_of(request) != session_modes.LIVE:
+        # Who only tries the study is nobody's participant.
+        return Given({})
+    came = request.query_params.multi_items()
+    if repository.find(app, slug).plan.recruitment.signed_links:
+        came = list(_signed(request, slug, app, came).items())
+    try:
+        return completion.in_link(app, slug, came)
+    except IdsRefusedError:
+        app.faults.note(Kind.UNREADABLE, Where(slug=slug))
+        raise
+
+
+def _signed(
+    request: Request, slug: str, app: AppContext, came: list[tuple[str, str]]
+) -> dict[str, str]:
+    """The parameters as the platform signed them. Raises SignedLinkError."""
+    # The host that a request names proves nothing: it may be another tool's, as the token may be.
+    address = f"{app.settings.public_url}/s/{slug}"
+    leeway_s = READING_S if request.method == "POST" else _CLOCKS_APART_S
+    return app.platform_keys.signed(came, address, leeway_s)
+
+
+def require_signed(request: Request, slug: str, app: AppContext) -> bool:
+    """Whether the link was signed, where its study wants that. Raises SignedLinkError."""
+    wanted = repository.find(app, slug).plan.recruitment.signed_links
+    if not wanted or session_paths.mode_of(request) != session_modes.LIVE:
+        return False
+    if not given(request, slug, app).ids:
+        raise SignedLinkError("expected a link that the platform signed, got one without a token")
+    return True
+
+
+def entry(request: Request) -> str | None:
+    """The token of a personal link; None where the link is the same for everybody."""
+    return request.query_params.get(ENTRY, "").strip() or None
+
+
+def holder(request: Request, slug: str, app: AppContext) -> Holder:
+    """Who comes, as against the session that the browser holds. Raises as `given` does."""
+    token = request.cookies.get(session_cookie(slug))
+    found = session_holder.holder(app, slug, token, given(request, slug, app).ids)
+    link = entry(request)
+    if (
+        found is not Holder.SAME
+        or link is None
+        or session_paths.mode_of(request) != session_modes.LIVE
+    ):
+        return found
+    if _is_single_use(app, slug):
+        return Holder.SAME if session_cookies.began_by(request, slug, link) else Holder.OTHER
+    return found
+
+
+def _is_single_use(app: AppContext, slug: str) -> bool:
+    return entry_links.wanted(repository.find(app, slug).plan)
+
+
+def note_unfilled(app: AppContext, slug: str, given: Given) -> None:
+    """Have those who run the study told that somebody began by a link that was not filled in."""
+    if given.unfilled:
+        app.faults.note(Kind.UNFILLED, Where(slug=slug))

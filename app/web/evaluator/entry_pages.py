@@ -1,0 +1,327 @@
+"""The pages that an evaluator goes through: `/s/{slug}`, always the page of the stage one is in."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Form, Request
+from fastapi.responses import Response
+
+from app.services.arrival import admission, decline_counter, re_entry
+from app.services.arrival.session_holder import Holder
+from app.services.context import AppContext
+from app.services.runtime.errors import (
+    AlreadyTakenPartError,
+    EntryLinkError,
+    KnownPersonError,
+    SessionExpiredError,
+    SessionTooOldError,
+    SignInRequiredError,
+    StudyFullError,
+    StudyNotOpenError,
+    StudyPausedError,
+    TooManyBegunError,
+)
+from app.services.runtime.ids import new_secret
+from app.services.sessions import stages, withdrawal
+from app.services.sessions.state_view import ENDED, State
+from app.services.studies import repository, session_modes
+from app.study import recruitment
+from app.study.recruitment import Outcome
+from app.web.http import languages, session_paths
+from app.web.http.concurrency import in_line
+from app.web.http.security import AppDep, session_cookie
+from app.web.http.translations import translatable
+
+from . import arrival_parameters, mturk_pages, refusal_pages, session_cookies
+from .error_pages import EvaluatorRoute
+from .session_pages import about, do, is_known, render, to_stage, token_of
+from .stage_pages import TITLES, stage_page
+
+router = APIRouter(prefix="/s/{slug}", include_in_schema=False, route_class=EvaluatorRoute)
+
+
+@router.get("")
+def enter(slug: str, request: Request, app: AppDep) -> Response:
+    """The page of the stage that the browser's session is in; for a newcomer, the consent."""
+    outside = mturk_pages.outside_the_study(request, slug, app)
+    if outside is not None:
+        return outside
+    holder = arrival_parameters.holder(request, slug, app)
+    if holder is Holder.UNCERTAIN:
+        return refusal_pages.uncertain(request, slug, app)
+    if holder is not Holder.SAME:
+        return _arrival(request, slug, app)
+    try:
+        token = token_of(request, slug)
+        state = stages.current(app, token)
+    except SessionExpiredError as error:
+        return _gone(request, slug, app, error)
+    except SignInRequiredError:
+        return _arrival(request, slug, app)
+    response = stage_page(request, slug, state)
+    if state["stage"] == "consent":
+        session_cookies.show_that_kept(request, app, response)
+    if state["stage"] in ENDED:
+        session_cookies.still_has_ended(request, response, app, slug, token)
+    return response
+
+
+@router.get("/consent")
+def read_consent(slug: str, request: Request, app: AppDep) -> Response:
+    """The consent, for a newcomer who has read the welcome."""
+    outside = mturk_pages.outside_the_study(request, slug, app)
+    if outside is not None:
+        return outside
+    if arrival_parameters.holder(request, slug, app) in (Holder.SAME, Holder.UNCERTAIN):
+        token = token_of(request, slug)
+        if is_known(app, token) or _is_barred(app, token):
+            return to_stage(slug, request.url.query)
+    return _arrival(request, slug, app, past_welcome=True)
+
+
+@router.post("/consent")
+@in_line
+def consent(
+    slug: str,
+    request: Request,
+    app: AppDep,
+    version: Annotated[str, Form()],
+    arrival: Annotated[str, Form()] = "",
+) -> Response:
+    """Agree. Only now is anything kept of a newcomer."""
+    holder = arrival_parameters.holder(request, slug, app)
+    if holder is Holder.UNCERTAIN:
+        return to_stage(slug, request.url.query)
+    token = request.cookies.get(session_cookie(slug)) if holder is Holder.SAME else None
+    browser = session_cookies.secret_of(request)
+    if token is not None:
+        successor = stages.successor_of(app, token, browser)
+        if is_known(app, token) or is_known(app, successor):
+            response = _agree(request, slug, app, token, version, successor)
+            kept = successor if is_known(app, successor) else token
+            session_cookies.keep_session(response, app, slug, kept)
+            return response
+    entered = admission.begun(app, slug, arrival, browser) or _enter(
+        request, slug, app, version, arrival, after=token
+    )
+    if isinstance(entered, Response):
+        return entered
+    response = _agree(request, slug, app, entered, version)
+    session_cookies.keep_session(response, app, slug, entered, arrival_parameters.entry(request))
+    return response
+
+
+def _agree(
+    request: Request,
+    slug: str,
+    app: AppContext,
+    token: str,
+    version: str,
+    successor: str | None = None,
+) -> Response:
+    agreed = partial(stages.consent, app, token, version, successor=successor)
+    return do(request, slug, agreed)
+
+
+def _enter(
+    request: Request, slug: str, app: AppContext, version: str, arrival: str, *, after: str | None
+) -> str | Response:
+    """The token of a newcomer's new session, or the page that says why there is none."""
+    if _is_barred(app, after):
+        return to_stage(slug)
+    entry = arrival_parameters.entry(request)
+    given = arrival_parameters.given(request, slug, app)
+    ids = given.ids
+    is_signed = arrival_parameters.require_signed(request, slug, app)
+    language = _language(request, slug, app)
+    try:
+        entrance = admission.entrance(
+            app, slug, language, entry=entry, ids=ids, mode=session_paths.mode_of(request)
+        )
+        if version != entrance.consent["version"]:
+            return to_stage(slug, request.url.query)
+        if after is None:
+            re_entry.require_unknown(app, slug, ids)
+        without_cookies = refusal_pages.without_cookies(request, slug, app)
+        if without_cookies is not None:
+            return without_cookies
+        token, _ = admission.start(
+            app,
+            slug,
+            external_ids=ids,
+            language=entrance.language,
+            mode=session_paths.mode_of(request),
+            by_experimenter=session_paths.mode_of(request) == session_modes.PREVIEW,
+            entry=entry,
+            after=after,
+            arrival=arrival,
+            is_signed=is_signed,
+            browser=session_cookies.secret_of(request),
+        )
+    except (EntryLinkError, AlreadyTakenPartError, KnownPersonError) as error:
+        return refusal_pages.refused(request, slug, app, error)
+    except (StudyFullError, TooManyBegunError, SessionTooOldError):
+        return to_stage(slug, request.url.query)
+    arrival_parameters.note_unfilled(app, slug, given)
+    return token
+
+
+@router.post("/decline")
+@in_line
+def decline(slug: str, request: Request, app: AppDep) -> Response:
+    """Decline. Of a newcomer nothing is kept but that one more declined."""
+    # The browser may hold the session of somebody else, who declines nothing by this.
+    is_own = arrival_parameters.holder(request, slug, app) is Holder.SAME
+    token = request.cookies.get(session_cookie(slug))
+    if not is_own or token is None or not is_known(app, token):
+        if session_paths.mode_of(request) == session_modes.LIVE:
+            decline_counter.count(app, slug)
+        return render(
+            request,
+            slug,
+            "participant/declined.html",
+            TITLES["declined"],
+            **about(request, repository.find(app, slug).plan),
+            way_back=_way_back_of(request, app, slug, "declined"),
+        )
+    return do(request, slug, lambda: withdrawal.withdraw(app, token))
+
+
+@router.post("/continue")
+@in_line
+def go_on(
+    slug: str, request: Request, app: AppDep, leaving: Annotated[str | None, Form()] = None
+) -> Response:
+    """leaving: the stage that the page is of; another tab may have left it."""
+    return do(request, slug, lambda: stages.go_on(app, token_of(request, slug), leaving=leaving))
+
+
+def _way_back_of(
+    request: Request, app: AppContext, slug: str, outcome: Outcome
+) -> dict[str, Any] | None:
+    """The code and the way back of somebody of whom nothing is kept but the link they came by."""
+    if session_paths.mode_of(request) != session_modes.LIVE:
+        return None
+    ids = arrival_parameters.given(request, slug, app).ids
+    return recruitment.described(repository.find(app, slug).plan.recruitment, outcome, ids)
+
+
+def _arrival(
+    request: Request, slug: str, app: AppContext, *, past_welcome: bool = False
+) -> Response:
+    """Somebody without a session in this browser: a newcomer, or known by what the link says."""
+    arrival_parameters.require_signed(request, slug, app)
+    try:
+        re_entry.require_unknown(app, slug, arrival_parameters.given(request, slug, app).ids)
+    except (AlreadyTakenPartError, KnownPersonError) as error:
+        response = refusal_pages.refused(request, slug, app, error)
+        return session_cookies.show_that_kept(request, app, response)
+    except SessionTooOldError as error:
+        return _left(request, slug, app, error)
+    return _entrance(request, slug, app, past_welcome=past_welcome)
+
+
+def _gone(request: Request, slug: str, app: AppContext, error: SessionExpiredError) -> Response:
+    """The browser's session can no longer be gone on with."""
+    if isinstance(error, SessionTooOldError):
+        return _left(request, slug, app, error)
+    return refusal_pages.expired(request, slug, app)
+
+
+def _left(request: Request, slug: str, app: AppContext, error: SessionTooOldError) -> Response:
+    """Back after too long: what the study's resume policy has for them."""
+    if error.policy == "restart":
+        return _entrance(request, slug, app)
+    plan = repository.find(app, slug).plan
+    response = render(
+        request,
+        slug,
+        "participant/left.html",
+        translatable("This session cannot be taken up again"),
+        status=409,
+        **about(request, plan),
+        may_begin_again=error.policy == "resume" and not plan.recruitment.takes_each_once,
+    )
+    if error.policy == "resume":
+        session_cookies.forget(response, slug)
+    return response
+
+
+def _is_barred(app: AppContext, token: str | None) -> bool:
+    """Whether the browser's session was left for so long that the study lets nobody begin anew."""
+    try:
+        if token is not None:
+            stages.current(app, token)
+    except SessionTooOldError as error:
+        return error.policy == "block"
+    except (SessionExpiredError, SignInRequiredError):
+        return False
+    return False
+
+
+def _language(request: Request, slug: str, app: AppContext) -> str:
+    return languages.of_reader(request, repository.find(app, slug).plan.languages)
+
+
+def _entrance(
+    request: Request, slug: str, app: AppContext, *, past_welcome: bool = False
+) -> Response:
+    """A newcomer's first page: the welcome if the study has one, and then the consent."""
+    language = _language(request, slug, app)
+    entry = arrival_parameters.entry(request)
+    ids = arrival_parameters.given(request, slug, app).ids
+    try:
+        entrance = admission.entrance(
+            app, slug, language, entry=entry, ids=ids, mode=session_paths.mode_of(request)
+        )
+    except EntryLinkError as error:
+        return refusal_pages.no_entry(request, slug, app, error)
+    except TooManyBegunError as error:
+        return refusal_pages.crowded(request, slug, app, error)
+    except StudyFullError:
+        plan = repository.find(app, slug).plan
+        return render(
+            request,
+            slug,
+            "participant/full.html",
+            translatable("No place left"),
+            status=409,
+            **about(request, plan),
+            # Who came from a platform is owed its code: there is nothing for them to wait for.
+            way_back=_way_back_of(request, app, slug, "screened_out"),
+        )
+    except StudyNotOpenError as error:
+        return render(
+            request,
+            slug,
+            "participant/closed.html",
+            translatable("Not open"),
+            status=409,
+            **about(request, repository.find(app, slug).plan),
+            is_draft=error.is_draft,
+            is_paused=isinstance(error, StudyPausedError),
+        )
+    state: State = {
+        "stage": "consent" if past_welcome or entrance.welcome is None else "welcome",
+        "progress": {
+            "trial": 0,
+            "trials": entrance.trials,
+            "query": 0,
+            "queries": entrance.queries,
+        },
+        "study": entrance.study,
+        "language": entrance.language,
+        "consent": dict(entrance.consent),
+        "welcome": {"html": entrance.welcome or ""},
+    }
+    page = stage_page(
+        request,
+        slug,
+        state,
+        languages=languages.links(request, entrance.languages, entrance.language),
+        # The form sent twice before the browser has its cookie begins one session all the same.
+        arrival=new_secret(),
+    )
+    return session_cookies.show_that_kept(request, app, page)

@@ -1,0 +1,120 @@
+"""The page of each stage of a session, and the forms of the stages that ask something."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from typing import Annotated, Any, Literal
+
+from fastapi import APIRouter, Depends, Form, Request
+from fastapi.responses import Response
+
+from app.services.runtime.errors import AnswersRefusedError, ResponseRefusedError
+from app.services.sessions import questionnaires, stages
+from app.services.sessions import responses as pair_answers
+from app.services.sessions.queries import ClientEvent
+from app.services.sessions.responses import Answer
+from app.services.sessions.state_view import State
+from app.study.questionnaire import as_meant
+from app.web.http.concurrency import in_line
+from app.web.http.security import AppDep
+from app.web.http.translations import translatable
+
+from .error_pages import EvaluatorRoute
+from .session_pages import do, render, to_stage, token_of
+
+router = APIRouter(prefix="/s/{slug}", include_in_schema=False, route_class=EvaluatorRoute)
+
+#: Ends the name of the field in which somebody chose what a number of theirs means.
+MEANT = ".meant"
+
+TITLES = {
+    "welcome": translatable("Welcome"),
+    "consent": translatable("Consent"),
+    "device_check": translatable("Device check"),
+    "instructions": translatable("Instructions"),
+    "familiarisation": translatable("Familiarisation"),
+    "practice": translatable("Practice"),
+    "query": translatable("Which is better?"),
+    "questionnaire": translatable("Some questions"),
+    "break": translatable("Break"),
+    "debrief": translatable("Debrief"),
+    "completed": translatable("Thank you"),
+    "withdrawn": translatable("You have stopped"),
+    "declined": translatable("You have declined"),
+    "screened_out": translatable("Thank you"),
+}
+
+
+@router.post("/screen-out")
+@in_line
+def screen_out(slug: str, request: Request, app: AppDep) -> Response:
+    """Leave the device check for good."""
+    return do(request, slug, lambda: stages.screen_out(app, token_of(request, slug)))
+
+
+@router.post("/respond")
+@in_line
+def respond(
+    slug: str,
+    request: Request,
+    app: AppDep,
+    query_id: Annotated[str, Form(min_length=1, max_length=64)],
+    response: Annotated[Literal["left", "right", "skip"], Form()],
+    rt_ms: Annotated[float | None, Form(ge=0, le=1e9, allow_inf_nan=False)] = None,
+    skip_reason: Annotated[str | None, Form(max_length=60)] = None,
+) -> Response:
+    """Answer the open query by the page's form: what a page sends whose scripts have failed."""
+    by_form = ClientEvent("sent_by_form", None, rt_ms or 0.0, None)
+    answer = Answer(query_id, response, rt_ms, skip_reason, (by_form,))
+    # An answer to a pair that has one, or was replaced: the page of the open pair follows.
+    with suppress(ResponseRefusedError):
+        return do(request, slug, lambda: pair_answers.respond(app, token_of(request, slug), answer))
+    return to_stage(slug)
+
+
+async def form_fields(request: Request) -> dict[str, str]:
+    """The fields of a form whose names only the study knows."""
+    form = await request.form()
+    return {name: value for name, value in form.items() if isinstance(value, str)}
+
+
+@router.post("/questionnaire")
+@in_line
+def questionnaire(
+    slug: str,
+    request: Request,
+    app: AppDep,
+    answers: Annotated[dict[str, str], Depends(form_fields)],
+) -> Response:
+    """Answer; what cannot be taken is shown beside what was asked, with all that was given."""
+    meant = {
+        name: as_meant(typed, answers.get(f"{name}{MEANT}"))
+        for name, typed in answers.items()
+        if not name.endswith(MEANT)
+    }
+    try:
+        return do(request, slug, lambda: questionnaires.answer(app, token_of(request, slug), meant))
+    except AnswersRefusedError as error:
+        state = stages.current(app, token_of(request, slug))
+        faults = {fault.item: fault for fault in error.faults}
+        return stage_page(request, slug, state, status=422, given=answers, faults=faults)
+
+
+def stage_page(
+    request: Request, slug: str, state: State, *, status: int = 200, **context: Any
+) -> Response:
+    """The page of the stage that the session is in."""
+    stage = state["stage"]
+    shown = state.get(stage) or {}
+    return render(
+        request,
+        slug,
+        f"participant/{stage}.html",
+        TITLES[stage],
+        state,
+        html=shown.get("html", ""),
+        version=shown.get("version", ""),
+        way_back=shown if "url" in shown else None,
+        status=status,
+        **context,
+    )

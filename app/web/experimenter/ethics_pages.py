@@ -1,0 +1,71 @@
+"""What an ethics board asks for: on a page, and as one zip."""
+
+from __future__ import annotations
+
+from itertools import groupby
+
+from fastapi import APIRouter, Request
+from fastapi.responses import FileResponse, RedirectResponse, Response
+
+from app.services.ethics import bundle, data_inventory, screenshots
+from app.services.runtime.errors import NotFoundError
+from app.services.studies import sharing
+from app.web.evaluator.page_samples import snapshots
+from app.web.evaluator.privacy_sentences import sentences
+from app.web.http.security import AppDep
+from app.web.http.translations import SOURCE_LANGUAGE
+
+from .page_context import DesignOf, OwnForm, SignedIn
+from .study_frame import study_page
+
+router = APIRouter(prefix="/studies/{slug}", include_in_schema=False)
+
+
+@router.get("/ethics")
+def ethics(study: DesignOf, request: Request, app: AppDep, caller: SignedIn) -> Response:
+    found = data_inventory.fields(study.plan)
+    return study_page(
+        request,
+        app,
+        caller,
+        study,
+        "ethics",
+        texts=bundle.texts_of(app, study),
+        versions=bundle.versions(app, study),
+        stored=[(table, list(rows)) for table, rows in groupby(found, lambda field: field.table)],
+        retention=study.plan.retention,
+        keeps_identifiers=bool(study.plan.recruitment.parameters),
+        told=sentences(app, study.plan, SOURCE_LANGUAGE),
+        expires_days=study.plan.session_expires_after_days,
+        ties=sharing.ties(app, study.slug),
+        languages=study.plan.languages,
+        has_browser=screenshots.browser(app.settings) is not None,
+        made=bundle.made(app, study),
+        job=bundle.under_way(app, caller, study),
+    )
+
+
+@router.post("/ethics/bundle", dependencies=[OwnForm])
+def make(study: DesignOf, request: Request, app: AppDep, caller: SignedIn) -> Response:
+    """Ask for everything as one zip: texts, screens, stored fields, versions, plan."""
+    pages = {
+        f"{language}/{name}": html
+        for language in study.plan.languages
+        for name, html in snapshots(request, app, study, language)
+    }
+    bundle.ask(app, caller, study, pages)
+    return RedirectResponse(f"/studies/{study.slug}/ethics", status_code=303)
+
+
+@router.get("/ethics.zip")
+def ethics_bundle(study: DesignOf, app: AppDep) -> Response:
+    """The bundle that was made last."""
+    made = bundle.made(app, study)
+    if made is None:
+        raise NotFoundError("no ethics bundle of this study has been made yet")
+    return FileResponse(
+        made.path,
+        media_type="application/zip",
+        filename=f"{study.slug}-ethics.zip",
+        headers={"Cache-Control": "no-store"},
+    )

@@ -1,0 +1,83 @@
+"""The frame of every page about one study: its name, how it stands, and its other pages."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Final, NamedTuple
+
+from fastapi import Request
+from fastapi.responses import Response
+
+from app.services.accounts.accounts import Principal
+from app.services.context import AppContext
+from app.services.studies import access
+from app.services.studies.access import Right
+from app.services.studies.repository import StudyInfo
+
+from .page_context import desk_page
+
+
+class Place(NamedTuple):
+    """One page about a study, and the right that opens it."""
+
+    key: str
+    path: str
+    label: str
+    right: Right
+
+
+PLACES: Final = (
+    Place("overview", "", "Overview", Right.DATA),
+    Place("results", "/results", "Results", Right.DATA),
+    Place("data", "/data", "Data", Right.DATA),
+    Place("recruit", "/recruit", "Recruit", Right.CHANGE),
+    Place("manage", "/manage", "Manage", Right.CHANGE),
+    Place("plan", "/plan", "Plan", Right.DESIGN),
+    Place("ethics", "/ethics", "Ethics", Right.DESIGN),
+    Place("people", "/people", "People", Right.DATA),
+    Place("activity", "/activity", "Activity", Right.DATA),
+)
+
+
+def study_page(
+    request: Request,
+    app: AppContext,
+    caller: Principal,
+    study: StudyInfo,
+    here: str,
+    more: Mapping[str, Any] | None = None,
+    status_code: int = 200,
+    **context: Any,
+) -> Response:
+    """A page about one study, from `templates/experimenter/study_<here>.html`.
+
+    The template is given `study` (slug, title, status, paused, and `more`), the caller's `rights`,
+    and the tabs that they may open.
+    """
+    plan = study.plan
+    title = plan.text(plan.title, plan.default_language)
+    rights = access.rights(app, caller, study.slug)
+    said = {
+        "slug": study.slug,
+        "title": title,
+        "status": study.status,
+        "paused": study.paused_at is not None,
+        **(more or {}),
+    }
+    places = [
+        {"key": place.key, "label": place.label, "url": f"/studies/{study.slug}{place.path}"}
+        for place in PLACES
+        if place.right in rights
+    ]
+    return desk_page(
+        request,
+        caller,
+        f"experimenter/study_{here}.html",
+        title,
+        status_code=status_code,
+        study=said,
+        here=here,
+        places=places,
+        rights=rights,
+        **context,
+    )

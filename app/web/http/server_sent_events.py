@@ -1,0 +1,100 @@
+"""Telling an open page that something has changed: server-sent events.
+
+The database is the truth and is asked about once a second, so that it is all the same which worker
+process wrote. A stream ends when its browser leaves, when its account has signed out or may not see
+the study any more, when the server is about to stop, and after a while by itself: the browser then
+asks anew, and is checked anew.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections import Counter
+from collections.abc import AsyncIterator, Awaitable, Callable
+from datetime import datetime
+from functools import partial
+from typing import Final
+
+from fastapi.responses import StreamingResponse
+from starlette.concurrency import run_in_threadpool
+from starlette.types import Receive, Scope, Send
+
+from app.services.runtime.errors import TooManyError
+
+SECONDS_BETWEEN_LOOKS: Final = 1.0
+#: Proxies close a line on which nothing comes for half a minute or more.
+LOOKS_BETWEEN_SIGNS_OF_LIFE: Final = 15
+#: Five minutes.
+LOOKS_PER_STREAM: Final = 300
+#: After how long a browser tries again, in milliseconds.
+RETRY_MS: Final = 2_000
+
+
+#: Streams that one account has open in one process: each asks the database every second.
+MOST_STREAMS: Final = 10
+
+
+class Streams:
+    """The streams that are open in this process, by account. Used by the event loop alone."""
+
+    def __init__(self) -> None:
+        self._open: Counter[int] = Counter()
+
+    def opened(self, account_id: int, until: datetime) -> Callable[[], None]:
+        """Count one more; call what is returned when it ends. Raises TooManyError."""
+        if self._open[account_id] >= MOST_STREAMS:
+            raise TooManyError(
+                f"expected at most {MOST_STREAMS} pages of an account that follow a study", until
+            )
+        self._open[account_id] += 1
+        return partial(self._ended, account_id)
+
+    def _ended(self, account_id: int) -> None:
+        self._open[account_id] -= 1
+        if not self._open[account_id]:
+            del self._open[account_id]
+
+
+async def changes(
+    read: Callable[[], str | None],
+    known: str | None,
+    stopping: Callable[[], bool],
+    pause: Callable[[float], Awaitable[None]] = asyncio.sleep,
+) -> AsyncIterator[str]:
+    """An event for each new stamp that `read`, which may block, comes to; `known` is none.
+
+    It ends once `read` returns None.
+    """
+    yield f"retry: {RETRY_MS}\n\n"
+    for look in range(LOOKS_PER_STREAM):
+        if stopping():
+            return
+        stamp = await run_in_threadpool(read)
+        if stamp is None:
+            return
+        if stamp != known:
+            known = stamp
+            yield f"id: {stamp}\nevent: changed\ndata: {stamp}\n\n"
+        elif look % LOOKS_BETWEEN_SIGNS_OF_LIFE == 0:
+            yield ": nothing new\n\n"
+        await pause(SECONDS_BETWEEN_LOOKS)
+
+
+class _EventStream(StreamingResponse):
+    """The answer that a browser's EventSource reads; `ended` is called when it is over."""
+
+    def __init__(self, events: AsyncIterator[str], ended: Callable[[], None]) -> None:
+        headers = {"Cache-Control": "no-store", "X-Accel-Buffering": "no"}
+        super().__init__(events, media_type="text/event-stream", headers=headers)
+        self._ended = ended
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        try:
+            await super().__call__(scope, receive, send)
+        finally:
+            self._ended()
+
+
+def event_stream(events: AsyncIterator[str], ended: Callable[[], None]) -> StreamingResponse:
+    """The events as an answer. ended: called once nobody reads them any more."""
+    return _EventStream(events, ended)

@@ -1,0 +1,37 @@
+"""The token of a session, as a call brings it: a program's in a header, a page's in its cookie."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from fastapi import Depends, Header, Request
+
+from app.services.runtime.errors import SignInRequiredError
+
+from . import session_paths
+from .security import bearer
+
+
+async def session_token(
+    request: Request,
+    authorization: Annotated[str | None, Header(include_in_schema=False)] = None,
+    pbpo_study: Annotated[
+        str | None,
+        Header(
+            description="With a page's cookie instead of a bearer token: the slug of the study."
+            " No other site can send this header."
+        ),
+    ] = None,
+) -> str:
+    """The session's token. Raises SignInRequiredError, or ForbiddenError of somebody's preview."""
+    token = bearer(authorization)
+    if token is None and pbpo_study is not None:
+        mode, slug = session_paths.of_header(pbpo_study)
+        await session_paths.require_admitted(request, mode, slug)
+        token = request.cookies.get(session_paths.cookie_of(mode, slug))
+    if token is None:
+        raise SignInRequiredError("expected a session's token as `Authorization: Bearer <token>`")
+    return token
+
+
+SessionToken = Annotated[str, Depends(session_token)]

@@ -1,0 +1,83 @@
+"""Pages from templates."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Mapping
+from datetime import UTC, datetime
+from functools import cache, lru_cache, partial
+from pathlib import Path
+from typing import Any
+
+from fastapi import Request
+from fastapi.responses import HTMLResponse
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from markupsafe import Markup
+
+from . import translations
+
+ROOT = Path(__file__).resolve().parents[3]
+STATIC = ROOT / "static"
+
+#: What every page is given unless its route says otherwise.
+DEFAULTS: Mapping[str, Any] = {"study_title": None, "language": "en", "page_title": "PBPO Studio"}
+
+
+def local_time(moment: datetime | None) -> Markup:
+    """A time that says in UTC what it is, and that the page may show in the reader's own zone."""
+    if moment is None:
+        return Markup("–")
+    moment = moment.astimezone(UTC)
+    return Markup('<time datetime="{}">{} UTC</time>').format(
+        moment.isoformat(timespec="seconds").replace("+00:00", "Z"), f"{moment:%Y-%m-%d %H:%M}"
+    )
+
+
+@lru_cache(maxsize=256)
+def _fingerprint(path: str, _modified: float) -> str:
+    return hashlib.sha256((STATIC / path).read_bytes()).hexdigest()[:12]
+
+
+def static_url(path: str) -> str:
+    """Address of a static file. It changes with the content, so browsers may keep it for ever."""
+    return f"/static/{path}?v={_fingerprint(path, (STATIC / path).stat().st_mtime)}"
+
+
+@cache
+def environment_in(language: str) -> Environment:
+    """The templates in one of the languages that our pages speak."""
+    made = Environment(
+        loader=FileSystemLoader(ROOT / "templates"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        extensions=["jinja2.ext.i18n"],
+    )
+    made.policies["ext.i18n.trimmed"] = True
+    # The extension adds this to the environment: the type does not know of it.
+    install: Callable[..., None] = vars(made)["install_gettext_translations"]
+    install(translations.translations(language), newstyle=True)
+    made.filters["localtime"] = local_time
+    made.filters["number"] = partial(translations.number, language=language)
+    made.filters["exact_number"] = partial(translations.exact_number, language=language)
+    made.globals["static_url"] = static_url
+    made.globals["between_sentences"] = translations.between_sentences(language)
+    made.globals["script_words"] = translations.script_words(language)
+    return made
+
+
+environment = environment_in(translations.SOURCE_LANGUAGE)
+
+
+def page(
+    request: Request, template: str, context: Mapping[str, Any], status_code: int = 200
+) -> HTMLResponse:
+    """The page of `template` in the context's `language`.
+
+    Pages show a moment of somebody's session: nothing may keep them.
+    """
+    values = {**DEFAULTS, "path": request.url.path, **context}
+    templates = environment_in(translations.nearest(values["language"]))
+    html = templates.get_template(template).render(values)
+    return HTMLResponse(html, status_code, headers={"Cache-Control": "no-store"})

@@ -1,0 +1,82 @@
+"""The answer that is a video's file, which may go away at any moment until it is open."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+
+from fastapi import Request
+from fastapi.responses import FileResponse, Response
+from starlette.types import Message, Receive, Scope, Send
+
+from app.services.recordings.stores.interface import form_of
+from app.services.runtime.errors import StoreAwayError
+
+#: Bytes that are read at a time. Most videos are one piece.
+PIECE = 1024 * 1024
+
+#: What is asked for by whoever wants all of it: a page that fetches ahead, and a player.
+_ALL = (None, "bytes=0-")
+
+
+def answer(file: Path, request: Request, headers: Mapping[str, str]) -> Response:
+    """The file, or the part of it that was asked for."""
+    form, wanted = form_of(file.name), request.headers.get("range")
+    is_plain = request.method == "GET" and "if-range" not in request.headers
+    content = _one_piece(file) if is_plain and wanted in _ALL else None
+    if content is None:
+        return _InPieces(file, media_type=form, headers=headers)
+    sent = {"Accept-Ranges": "bytes", **headers}
+    if wanted is None:
+        return Response(content, 200, sent, form)
+    sent["Content-Range"] = f"bytes 0-{len(content) - 1}/{len(content)}"
+    return Response(content, 206, sent, form)
+
+
+def _one_piece(file: Path) -> bytes | None:
+    """All of a file that is no longer than a piece; None if it is longer, empty or not there."""
+    try:
+        with file.open("rb") as opened:
+            content = opened.read(PIECE + 1)
+    except OSError:
+        return None
+    return content if 0 < len(content) <= PIECE else None
+
+
+class _InPieces(FileResponse):
+    """A file, by ranges. Raises StoreAwayError, with nothing sent yet, if it cannot be opened."""
+
+    # Each piece is read by another thread, which is waited for.
+    chunk_size = PIECE
+
+    def set_stat_headers(self, stat_result: os.stat_result) -> None:
+        """The length alone. When a file was written tells in which order candidates were made."""
+        self.headers.setdefault("content-length", str(stat_result.st_size))
+
+    def _should_use_range(self, http_if_range: str) -> bool:
+        return http_if_range == self.headers["etag"]
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        head: list[Message] = []
+        is_begun = False
+
+        async def send_with_a_piece(message: Message) -> None:
+            # The file is opened after its status is told: the two go together.
+            nonlocal is_begun
+            if message["type"] == "http.response.start":
+                head.append(message)
+                return
+            is_begun = True
+            while head:
+                await send(head.pop())
+            await send(message)
+
+        try:
+            await super().__call__(scope, receive, send_with_a_piece)
+        except (OSError, RuntimeError) as error:  # a RuntimeError says that there is no file
+            if is_begun:
+                raise
+            raise StoreAwayError(
+                "the video's file went away just now: ask for it again in a moment"
+            ) from error

@@ -18,6 +18,7 @@ from .slices import slices
 from .strips import strips
 from .tables import FigureDataError, Row, Table
 from .theme import in_the_dark
+from .verdicts import verdicts
 from .violins import violins
 
 __all__ = [
@@ -39,5 +40,6 @@ __all__ = [
     "slices",
     "strips",
     "svg",
+    "verdicts",
     "violins",
 ]

@@ -18,9 +18,11 @@ for _variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
 import argparse  # noqa: E402
 from collections.abc import Mapping, Sequence  # noqa: E402
 from pathlib import Path  # noqa: E402
-from typing import Final  # noqa: E402
+from typing import Any, Final  # noqa: E402
 
 import numpy as np  # noqa: E402
+
+from app.figures import save, verdicts  # noqa: E402
 
 from . import claims_simulated  # noqa: E402
 from .claims import Claim  # noqa: E402
@@ -136,6 +138,25 @@ def table(
     return "\n".join(lines)
 
 
+def chart(
+    trials: Mapping[tuple[str, float | None], Trial], worlds: Mapping[str, World], seed: int
+) -> Any:
+    """The same verdicts as a figure."""
+    return verdicts(
+        [
+            {
+                "panel": "holds where filled",
+                "claim": f"{claim.figure}, {claim.environment}: {claim.published}",
+                "setting": level_name(level),
+                "holds": claim.holds,
+            }
+            for level in LEVELS
+            for claim in claims_at(level, trials, worlds, seed)
+        ],
+        x_title="skips below the mean of g plus so many deviations",
+    )
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the trials that the folder lacks, and print the table."""
     parser = argparse.ArgumentParser(prog="python -m app.lab.skip_sensitivity", description=__doc__)
@@ -160,6 +181,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     ):
         write_whole(path_of(options.out, task, level), to_csv(steps).encode())
         found[task.name, level] = Trial(task, steps)
+    save(chart(found, worlds, options.seed), options.out, "skip-sensitivity")
     print(table(found, worlds, options.seed))
 
 

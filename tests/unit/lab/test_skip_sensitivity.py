@@ -4,9 +4,10 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from app.figures import svg
 from app.lab.experiments import ENVIRONMENTS, Task
 from app.lab.results import Trial
-from app.lab.skip_sensitivity import LEVELS, skips, table, tasks
+from app.lab.skip_sensitivity import LEVELS, chart, skips, table, tasks
 from app.lab.trials import evaluator_for, run_trial
 from app.lab.worlds import World
 
@@ -71,3 +72,5 @@ def test_the_table_has_the_skips_and_every_claim_at_every_level(
     ]
     assert better.split("|")[3:11] == [" · ", " · ", " · ", " holds ", *[" · "] * 4]
     assert np.isfinite(skips(trials, "certain", "env1", None))
+    drawn = svg(chart(trials, worlds, 0))
+    assert "PBPO against PBPO w/o skip after 40 queries: better" in drawn

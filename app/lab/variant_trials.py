@@ -18,7 +18,7 @@ from .answering import EVALUATORS
 from .evaluators import Discerning
 from .peers import PEERS
 from .problems import PROBLEMS, Problem
-from .variants import VARIANTS, Variant
+from .variant_definitions import VARIANTS, Variant
 
 #: Regret is taken after so many queries.
 LOOKS: Final = (10, 15, 20, 30)

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from app.crane import library
-from app.lab.comparison import TrialFile, main, run
 from app.lab.evaluators import ETA
 from app.lab.problems import ACKLEY_REACH, PROBLEMS, ackley, branin, hartmann
+from app.lab.variant_definitions import VARIANTS
 from app.lab.variant_tables import table, with_error
 from app.lab.variant_trials import LOOKS, Call, Outcome, calls, run_call
-from app.lab.variants import VARIANTS
+from app.lab.variants import TrialFile, main, run
 
 
 @pytest.mark.parametrize("place", [(-np.pi, 12.275), (np.pi, 2.275), (9.42478, 2.475)])
@@ -81,7 +81,7 @@ def test_trials_of_other_settings_are_not_taken_for_these(
     TrialFile(tmp_path).keep(Outcome(call, (1.0, 2.0, 3.0, 4.0)))
     assert TrialFile(tmp_path).outcomes() == {call: Outcome(call, (1.0, 2.0, 3.0, 4.0))}
 
-    monkeypatch.setattr("app.lab.comparison.ENGINE_VERSION", "another")
+    monkeypatch.setattr("app.lab.variants.ENGINE_VERSION", "another")
 
     assert TrialFile(tmp_path).outcomes() == {}
 

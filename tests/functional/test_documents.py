@@ -1,4 +1,4 @@
-"""What the documents say of the code is what the code says."""
+"""The documents agree with the code: settings, paths, packages and tests that they name."""
 
 from __future__ import annotations
 
@@ -8,8 +8,14 @@ from pathlib import Path
 import pytest
 
 from app.services.runtime.settings import Settings
+from tests.unit.test_structure import PACKAGES
 
 ROOT = Path(__file__).parents[2]
+DOCUMENTS = [
+    *(ROOT / name for name in ("README.md", "CONTRIBUTING.md", "SECURITY.md")),
+    *sorted((ROOT / "docs").glob("*.md")),
+]
+FOLDERS = "app|static|templates|tests|migrations|deploy|docs"
 MARKED = re.compile(r"<!-- settings: [^\n]*-->\n(.*?)<!-- end of settings -->", re.DOTALL)
 
 
@@ -32,6 +38,23 @@ def test_the_table_of_settings_is_that_of_the_code() -> None:
 def test_every_setting_that_the_readme_names_exists() -> None:
     named = set(re.findall(r"PBPO_[A-Z_]+", (ROOT / "README.md").read_text("utf-8")))
     assert named <= {f"PBPO_{name.upper()}" for name in Settings.model_fields}
+
+
+def paths_named(text: str) -> set[str]:
+    return set(re.findall(rf"(?<![\w/.-])(?:{FOLDERS})/[\w./-]*\w", text))
+
+
+@pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.name)
+def test_every_path_that_a_document_names_exists(document: Path) -> None:
+    named = paths_named(document.read_text("utf-8"))
+    assert sorted(path for path in named if not (ROOT / path).exists()) == []
+
+
+def test_the_map_lists_the_packages_of_services_in_their_order() -> None:
+    text = (ROOT / "CONTRIBUTING.md").read_text("utf-8")
+    section = text.split("### Packages of `app/services`")[1].split("\n### ")[0]
+    listed = re.findall(r"^\| `(\w+)(?:/|\.py)` \|", section, re.MULTILINE)
+    assert tuple(listed) == PACKAGES["services"]
 
 
 def security_rows() -> list[tuple[str, str]]:

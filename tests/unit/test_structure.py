@@ -1,4 +1,4 @@
-"""Every import in `app` points downward: between rooms, and between the packages of a room."""
+"""Every import in `app` points downward: between layers, and between the packages of a layer."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ import app
 
 ROOT = Path(app.__file__).parent
 
-#: What each room may import. A room may always import itself.
-GROUND: frozenset[str] = frozenset({"pbbo", "crane", "study", "statistics", "video"})
+#: What each layer may import. A layer may always import itself.
+PURE: frozenset[str] = frozenset({"pbbo", "crane", "study", "statistics", "video"})
 ALLOWED: dict[str, frozenset[str]] = {
     "pbbo": frozenset(),
     "crane": frozenset(),
@@ -21,19 +21,19 @@ ALLOWED: dict[str, frozenset[str]] = {
     "statistics": frozenset(),
     "video": frozenset(),
     "figures": frozenset(),
-    "lab": GROUND | {"figures"},
+    "lab": PURE | {"figures"},
     "storage": frozenset({"study"}),
-    "services": GROUND | {"storage", "figures"},
-    "web": GROUND | {"storage", "figures", "services"},
-    "main": GROUND | {"storage", "figures", "services", "web"},
+    "services": PURE | {"storage", "figures"},
+    "web": PURE | {"storage", "figures", "services"},
+    "main": PURE | {"storage", "figures", "services", "web"},
     "server": frozenset({"services", "main", "simulation"}),
     "worker": frozenset({"services", "simulation", "storage"}),
-    "simulation": GROUND | {"storage", "services", "lab", "web", "main"},
-    "commands": GROUND | {"services", "server", "worker", "simulation", "main", "lab"},
-    "cli": GROUND | {"services", "commands", "server", "simulation", "main", "lab"},
+    "simulation": PURE | {"storage", "services", "lab", "web", "main"},
+    "commands": PURE | {"services", "server", "worker", "simulation", "main", "lab"},
+    "cli": PURE | {"services", "commands", "server", "simulation", "main", "lab"},
 }
-#: The packages of each room that has some, lowest first: each may import those before it. A file
-#: beside the packages stands in the list under its own name.
+#: The packages of each layer that has some, lowest first: each may import those before it. A file
+#: beside the packages is listed by its own name.
 PACKAGES: dict[str, tuple[str, ...]] = {
     "services": (
         "runtime",
@@ -61,8 +61,8 @@ PACKAGES: dict[str, tuple[str, ...]] = {
     ),
     "web": ("http", "evaluator", "api", "experimenter"),
 }
-#: The ground rooms know neither the web nor the database.
-FOREIGN_TO_GROUND = {"fastapi", "starlette", "sqlalchemy", "alembic", "jinja2", "uvicorn", "httpx"}
+#: Libraries of the web and the database, which the pure packages may not import.
+FORBIDDEN_IN_PURE = {"fastapi", "starlette", "sqlalchemy", "alembic", "jinja2", "uvicorn", "httpx"}
 
 
 def modules() -> Iterator[tuple[str, Path]]:
@@ -86,77 +86,77 @@ def imports(path: Path) -> Iterator[tuple[int, str]]:
                 yield node.lineno, f"{name}.{alias.name}"
 
 
-def test_every_room_is_known_to_the_plan_of_the_house() -> None:
-    assert {room for room, _ in modules()} <= set(ALLOWED)
+def test_every_layer_has_a_rule() -> None:
+    assert {layer for layer, _ in modules()} <= set(ALLOWED)
 
 
 def test_no_import_points_upward() -> None:
     upward = []
-    for room, path in modules():
+    for layer, path in modules():
         for line, name in imports(path):
             parts = name.split(".")
             if parts[0] != "app" or len(parts) == 1 or parts[1].startswith("__"):
                 continue
-            if parts[1] != room and parts[1] not in ALLOWED[room]:
+            if parts[1] != layer and parts[1] not in ALLOWED[layer]:
                 upward.append(f"{path.relative_to(ROOT.parent)}:{line} imports {name}")
     assert upward == []
 
 
-def test_the_ground_rooms_know_neither_the_web_nor_the_database() -> None:
-    foreign = [
+def test_pure_packages_import_neither_the_web_nor_the_database() -> None:
+    forbidden = [
         f"{path.relative_to(ROOT.parent)}:{line} imports {name}"
-        for room, path in modules()
-        if room in GROUND
+        for layer, path in modules()
+        if layer in PURE
         for line, name in imports(path)
-        if name.split(".")[0] in FOREIGN_TO_GROUND
+        if name.split(".")[0] in FORBIDDEN_IN_PURE
     ]
-    assert foreign == []
+    assert forbidden == []
 
 
 @pytest.mark.parametrize("name", ["utils", "common", "helpers", "core"])
-def test_no_file_is_named_after_nothing(name: str) -> None:
+def test_no_file_has_a_catch_all_name(name: str) -> None:
     paths = [path.relative_to(ROOT).with_suffix("") for _, path in modules()]
     assert [path for path in paths if name in path.parts] == []
 
 
-def package_imports(room: str) -> Iterator[tuple[str, str, str]]:
-    """Where, from which package, and to which other package of the same room."""
-    names = set(PACKAGES[room])
+def package_imports(layer: str) -> Iterator[tuple[str, str, str]]:
+    """Location, importing package and imported package, for imports within one layer."""
+    names = set(PACKAGES[layer])
     for other, path in modules():
         parts = path.relative_to(ROOT).with_suffix("").parts
-        if other != room or parts[1] == "__init__":
+        if other != layer or parts[1] == "__init__":
             continue
         for line, name in imports(path):
             target = name.split(".")
-            if target[:2] != ["app", room] or len(target) < 3:
+            if target[:2] != ["app", layer] or len(target) < 3:
                 continue
             if target[2] != parts[1] and (target[2] in names or target[2] == parts[1]):
                 yield f"{path.relative_to(ROOT.parent)}:{line}", parts[1], target[2]
 
 
-@pytest.mark.parametrize("room", ["services", "web"])
-def test_every_package_is_in_the_order_of_its_room(room: str) -> None:
+@pytest.mark.parametrize("layer", ["services", "web"])
+def test_every_package_is_in_the_order_of_its_layer(layer: str) -> None:
     found = {
         path.relative_to(ROOT).with_suffix("").parts[1]
         for other, path in modules()
-        if other == room
+        if other == layer
     }
-    assert found - {"__init__"} == set(PACKAGES[room])
+    assert found - {"__init__"} == set(PACKAGES[layer])
 
 
-@pytest.mark.parametrize("room", ["services", "web"])
-def test_no_package_imports_one_above_it(room: str) -> None:
-    order = PACKAGES[room]
+@pytest.mark.parametrize("layer", ["services", "web"])
+def test_no_package_imports_one_above_it(layer: str) -> None:
+    order = PACKAGES[layer]
     upward = [
-        f"{where}: {above} imports {below}"
-        for where, above, below in package_imports(room)
-        if order.index(below) > order.index(above)
+        f"{where}: {importer} imports {imported}"
+        for where, importer, imported in package_imports(layer)
+        if order.index(imported) > order.index(importer)
     ]
     assert upward == []
 
 
 def test_no_two_modules_import_each_other() -> None:
-    """Every cycle of imports, of any length, by Kahn's algorithm: what is left over is in one."""
+    """Kahn's algorithm: the modules that remain at the end are in a cycle, of any length."""
     files = {
         ".".join(("app", *path.relative_to(ROOT).with_suffix("").parts)): path
         for _, path in modules()

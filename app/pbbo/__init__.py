@@ -7,7 +7,7 @@
     optimizer.tell(query, "left")
     optimizer.best()
 
-The names below are the room's door; everything else may change. See docs/optimiser.md.
+The names below are the public interface; everything else may change. See docs/optimiser.md.
 """
 
 import os

@@ -1,5 +1,5 @@
-"""Looking into videos and making others of them, apart from whoever asks: in a process with limits.
+"""Probes and transcodes untrusted videos in a child process with limits.
 
-`decoding` is the door. What the process itself runs imports nothing of the house but this room, so
-that it starts quickly.
+`decoder_client` is the interface. The child process imports nothing of the application but this
+package, so that it starts quickly.
 """

@@ -122,7 +122,7 @@ def demo(port: Port = 8000, host: Host = "127.0.0.1", data_dir: DataDir = None) 
 
     socket = listen(host, port)
     address = f"http://{host}:{socket.getsockname()[1]}"
-    app = studio_of(data_dir, works=JOBS)
+    app = studio_of(data_dir, job_handlers=JOBS)
     access = demo_service.prepare(app, address)
 
     def say() -> None:
@@ -155,7 +155,7 @@ def serve(
 
     startup_checks.require_servable(settings_of(data_dir), workers)
     with listen(host, port) as socket:
-        app = studio_of(data_dir, works=JOBS)
+        app = studio_of(data_dir, job_handlers=JOBS)
         startup_checks.require_safe(app, host)
         for sentence in startup_checks.unsafe_settings(app, host):
             print(f"pbpo: {sentence}", file=sys.stderr)

@@ -147,7 +147,7 @@ def _worker(settings: Settings, folder: Path) -> FastAPI:
     """The application of one worker, made in its own process."""
     json_logging.write_json()
     _expect_many()
-    fastapi_app = _application(open_app(settings, works=JOBS))
+    fastapi_app = _application(open_app(settings, job_handlers=JOBS))
     told = threading.Event()
 
     def tell(before: Any, number: int, frame: FrameType | None) -> None:

@@ -17,7 +17,7 @@ from sqlalchemy import select
 from app.lab.evaluators import Certain, Evaluator, Uncertain
 from app.lab.walk import walk
 from app.services.accounts.accounts import Principal, Role
-from app.services.background.job_function import Report, Work
+from app.services.background.job_function import JobHandler, ProgressCallback
 from app.services.background.local import LocalBackground
 from app.services.bootstrap import open_app
 from app.services.context import AppContext, utc_now
@@ -83,7 +83,7 @@ class Simulated:
     eta: float | None
 
 
-def simulate_job(settings: Settings, request: Mapping[str, Any], report: Report) -> str:
+def simulate_job(settings: Settings, request: Mapping[str, Any], report: ProgressCallback) -> str:
     """The work of a job: simulate as many sessions as `request` says; what came of it.
 
     Begun again after a stop it goes on with those that are still missing.
@@ -110,7 +110,7 @@ def simulate_job(settings: Settings, request: Mapping[str, Any], report: Report)
 
 
 #: Kinds of job that walk through the application itself, which services may not import.
-JOBS: Mapping[str, Work] = {simulation_results.SIMULATE: simulate_job}
+JOBS: Mapping[str, JobHandler] = {simulation_results.SIMULATE: simulate_job}
 
 
 def completed_simulated(settings: Settings, slug: str) -> int:
@@ -141,7 +141,7 @@ def run(
     seed: int,
     eta: float | None = None,
     *,
-    report: Report = lambda _done, _total: None,
+    report: ProgressCallback = lambda _done, _total: None,
     first: int = 0,
 ) -> Simulated:
     """Walk `sessions` simulated evaluators through a study.
@@ -167,7 +167,7 @@ async def _run(
     kind: str,
     seed: int,
     eta: float | None,
-    report: Report,
+    report: ProgressCallback,
 ) -> Simulated:
     scores = _scores(app, slug)
     values = np.array(list(scores.values()))

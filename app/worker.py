@@ -50,7 +50,7 @@ def work(
     logging.getLogger("procrastinate.worker").setLevel(logging.CRITICAL)
     for queue in QUEUES:
         logging.getLogger(f"procrastinate.worker.{queue}").setLevel(logging.WARNING)
-    app = open_app(settings, background=LocalBackground(videos), works=JOBS)
+    app = open_app(settings, background=LocalBackground(videos), job_handlers=JOBS)
     try:
         tasks = WorkerTasks(app, TaskQueue(app.database), pulse)
         with periodic_tasks.running(app, of_the_studio=False):

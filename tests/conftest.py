@@ -22,7 +22,7 @@ from sqlalchemy import func, select
 
 from app.services.accounts import accounts
 from app.services.background.interface import Background
-from app.services.background.job_function import Work
+from app.services.background.job_function import JobHandler
 from app.services.background.local import LocalBackground
 from app.services.bootstrap import open_app
 from app.services.context import AppContext
@@ -163,7 +163,7 @@ def _on_this_runs_database(
 
 
 @pytest.fixture
-def works() -> Mapping[str, Work]:
+def job_handlers() -> Mapping[str, JobHandler]:
     """Further kinds of job: none, unless a test's module says otherwise."""
     return {}
 
@@ -174,14 +174,16 @@ def app(
     clock: Clock,
     background: Background,
     databases: Databases,
-    works: Mapping[str, Work],
+    job_handlers: Mapping[str, JobHandler],
 ) -> Iterator[AppContext]:
     """A studio with nothing in it, which renders no videos."""
     if not settings.database_url:
         databases.new(settings.data_dir)
     # Seeds 1, 2, 3, ...: a test asks the same queries each time it runs.
     seed = count(1).__next__
-    app = open_app(settings, now=clock.now, seed=seed, background=background, works=works)
+    app = open_app(
+        settings, now=clock.now, seed=seed, background=background, job_handlers=job_handlers
+    )
     yield app
     app.close()
 

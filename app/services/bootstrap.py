@@ -13,7 +13,7 @@ from sqlalchemy import make_url
 from threadpoolctl import threadpool_limits
 
 from app.services.background.interface import Background
-from app.services.background.job_function import Work
+from app.services.background.job_function import JobHandler
 from app.services.background.local import LocalBackground
 from app.services.drafts import transcode_job
 from app.services.ethics import bundle_job
@@ -44,12 +44,12 @@ def open_app(
     seed: Callable[[], int] = new_seed,
     background: Background | None = None,
     restoring: bool = False,
-    works: Mapping[str, Work] = MappingProxyType({}),
+    job_handlers: Mapping[str, JobHandler] = MappingProxyType({}),
 ) -> AppContext:
     """Open the studio of `settings`, bringing its database to the newest schema.
 
     restoring: whether this is the restore that the database is under; others are refused until it
-    is done. works: functions of further kinds of job, which services may not import.
+    is done. job_handlers: functions of further kinds of job, which services may not import.
     Raises ConflictError.
     """
     # A fit takes some milliseconds on one processor, and several times that if every fit of every
@@ -75,25 +75,25 @@ def open_app(
         database.close()
         raise
     background = background or LocalBackground(settings.render_jobs)
-    measurements = Metrics(own_queue=not settings.workers_apart)
-    background.tell_queue(measurements.renders)
+    metrics = Metrics(own_queue=not settings.workers_apart)
+    background.tell_queue(metrics.renders)
     recordings = Recordings(database, background, settings)
     return AppContext(
         settings=settings,
         database=database,
         background=background,
         recordings=recordings,
-        proposer=Proposer(database, background, recordings.prefetch, measurements),
-        measurements=measurements,
-        ledger=DeletionLog(settings.ledger_path),
+        proposer=Proposer(database, background, recordings.prefetch, metrics),
+        metrics=metrics,
+        deletion_log=DeletionLog(settings.ledger_path),
         secret=secret,
         addresses=VideoAddresses(secret),
         platform_keys=PlatformKeys(settings.prolific_keys),
         now=now,
-        faults=FailureCounter(database, now),
+        failures=FailureCounter(database, now),
         seed=seed,
-        works={
-            **works,
+        job_handlers={
+            **job_handlers,
             transcode_job.KIND: transcode_job.transcode_draft,
             bundle_job.KIND: bundle_job.make_bundle,
         },

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 
 from app.services.background.interface import Background
-from app.services.background.job_function import Work
+from app.services.background.job_function import JobHandler
 from app.services.platform_keys import PlatformKeys
 from app.services.proposals.proposer import Proposer
 from app.services.recordings.addresses import VideoAddresses
@@ -34,9 +34,9 @@ class AppContext:
     background: Background
     recordings: Recordings
     proposer: Proposer
-    measurements: Metrics
+    metrics: Metrics
     #: What a backup must not bring back.
-    ledger: DeletionLog
+    deletion_log: DeletionLog
     #: What keys of the server's own are derived from.
     secret: ServerSecret
     #: What a session knows a recording as.
@@ -46,9 +46,9 @@ class AppContext:
     now: Callable[[], datetime]
     seed: Callable[[], int]
     #: What failed while people took part, until it is written.
-    faults: FailureCounter
+    failures: FailureCounter
     #: The function of each kind of job.
-    works: Mapping[str, Work]
+    job_handlers: Mapping[str, JobHandler]
 
     def close(self) -> None:
         self.background.close()

@@ -18,7 +18,7 @@ from sqlalchemy import and_, or_, select, update
 from sqlalchemy.engine import CursorResult
 
 from app.services.accounts.accounts import Principal
-from app.services.background.job_function import Work
+from app.services.background.job_function import JobHandler
 from app.services.runtime import disk_quota
 from app.services.runtime.errors import NotFoundError, ServiceError
 from app.services.runtime.ids import new_public_id
@@ -73,8 +73,8 @@ def ask(
 
     Raises NoRoomError, since every kind of work writes to the disk.
     """
-    if kind not in app.works:
-        raise ServiceError(f"expected work among {', '.join(app.works)}, got {kind!r}")
+    if kind not in app.job_handlers:
+        raise ServiceError(f"expected work among {', '.join(app.job_handlers)}, got {kind!r}")
     disk_quota.require(app.settings, app.settings.data_dir)
     with app.database.write() as db:
         under_way = db.scalars(
@@ -152,7 +152,7 @@ def revive(app: AppContext) -> None:
         _start(app, info)
 
 
-def run(settings: Settings, public_id: str, work: Work) -> None:
+def run(settings: Settings, public_id: str, work: JobHandler) -> None:
     """Do a job: what its process runs. Nothing is done if another process has it in hand."""
     database = Database(settings.url)
     stop = threading.Event()
@@ -179,7 +179,7 @@ def run(settings: Settings, public_id: str, work: Work) -> None:
 
 
 def _start(app: AppContext, info: JobInfo) -> None:
-    work = app.works.get(info.kind)
+    work = app.job_handlers.get(info.kind)
     if work is None:
         return
     app.background.as_job(

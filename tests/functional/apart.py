@@ -47,7 +47,7 @@ def settings(server: PostgresServer, tmp_path: Path) -> Settings:
 @pytest.fixture
 def app(settings: Settings) -> Iterator[AppContext]:
     """That of a server."""
-    app = open_app(settings, works=JOBS)
+    app = open_app(settings, job_handlers=JOBS)
     yield app
     app.close()
 

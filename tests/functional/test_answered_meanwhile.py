@@ -8,7 +8,7 @@ import pytest
 
 from app.services.context import AppContext
 from app.services.proposals.computation import History
-from app.services.proposals.proposer import Step, TrialSpec
+from app.services.proposals.proposer import NextStep, TrialSpec
 from app.services.sessions import replay, responses, undo, withdrawal
 from app.services.sessions.responses import FaultReport
 from app.storage.models.studies import Response
@@ -38,7 +38,7 @@ def elsewhere(app: AppContext, monkeypatch: pytest.MonkeyPatch) -> FitProcess:
     def done_meanwhile(happens: Callable[[], object]) -> None:
         real, left = app.proposer.step, [happens]
 
-        def step(trial: TrialSpec, history: History) -> Step:
+        def step(trial: TrialSpec, history: History) -> NextStep:
             while left:
                 left.pop()()
             return real(trial, history)

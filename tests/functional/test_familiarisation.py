@@ -129,7 +129,8 @@ def test_each_block_shows_videos_of_its_own_environment_and_asks_for_them_anew(
 
     own = {
         environment: {
-            clip.id for clip in app.proposer.space(study_in_blocks.id, environment).all_clips
+            clip.id
+            for clip in app.proposer.candidate_set(study_in_blocks.id, environment).all_recordings
         }
         for environment in ("env1", "env2")
     }

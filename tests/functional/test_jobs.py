@@ -14,7 +14,7 @@ from sqlalchemy import update
 from app.services import jobs
 from app.services.accounts.accounts import Role
 from app.services.background.interface import Background
-from app.services.background.job_function import Report, Work
+from app.services.background.job_function import JobHandler, ProgressCallback
 from app.services.background.local import LocalBackground
 from app.services.context import AppContext, utc_now
 from app.services.runtime.errors import ServiceError
@@ -30,12 +30,12 @@ from .own_study import write_own_study
 PATIENCE_S = 60
 
 
-def good(_settings: Settings, request: Mapping[str, Any], report: Report) -> str:
+def good(_settings: Settings, request: Mapping[str, Any], report: ProgressCallback) -> str:
     report(1, 4)
     return f"did {request['what']}"
 
 
-def bad(_settings: Settings, _request: Mapping[str, Any], _report: Report) -> str:
+def bad(_settings: Settings, _request: Mapping[str, Any], _report: ProgressCallback) -> str:
     raise ValueError("there was nothing to do")
 
 
@@ -71,7 +71,7 @@ def background() -> Background:
 
 
 @pytest.fixture
-def works() -> Mapping[str, Work]:
+def job_handlers() -> Mapping[str, JobHandler]:
     return {"good": good, "bad": bad}
 
 

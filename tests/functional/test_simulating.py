@@ -11,7 +11,7 @@ from sqlalchemy import select
 from app.services.accounts import audit_log
 from app.services.accounts.accounts import Role
 from app.services.background.interface import Background
-from app.services.background.job_function import Work
+from app.services.background.job_function import JobHandler
 from app.services.context import AppContext
 from app.services.studies import repository, simulation_results
 from app.services.studies.repository import StudyInfo
@@ -30,7 +30,7 @@ def background() -> Background:
 
 
 @pytest.fixture
-def works() -> Mapping[str, Work]:
+def job_handlers() -> Mapping[str, JobHandler]:
     return JOBS
 
 

@@ -104,7 +104,7 @@ def test_the_model_learns_from_the_reason_of_a_skip(
         last = database.scalars(select(Acquired).order_by(Acquired.query_index.desc())).first()
         assert last is not None
         stored = (last.candidate, last.posterior_mean)
-        points = app.proposer.space(trial.session.study_id, "env1").candidates
+        points = app.proposer.candidate_set(trial.session.study_id, "env1").candidates
         seed = trial.seed
     assert [len(answer) for answer in told] == [3, 4, 4]
     with_reasons = PreferenceOptimizer.replay(points, told, method="pbpo-threshold", seed=seed)

@@ -205,7 +205,7 @@ def test_what_is_a_persons_own_mistake_is_no_fault(desk: Desk, client: Api) -> N
 def test_faults_are_told_to_who_may_see_the_data_and_to_nobody_else(
     desk: Desk, client: Api, app: AppContext
 ) -> None:
-    app.faults.count(Kind.PAGE, SHORT)
+    app.failures.count(Kind.PAGE, SHORT)
     reviewer = Desk(client, app, "rev@board.example", Role.REVIEWER)
     answer = reviewer.get("/studies/short")
     assert answer.headers["location"] == "/studies/short/plan"
@@ -218,8 +218,8 @@ def test_counts_are_one_row_an_hour_and_are_gone_after_a_month(
 ) -> None:
     for seconds in (0, 60, 3600):
         clock.forward(seconds)
-        app.faults.count(Kind.CALL, SHORT)
-    app.faults.write()
+        app.failures.count(Kind.CALL, SHORT)
+    app.failures.write()
     with app.database.read() as db:
         found = db.execute(
             select(FaultCount.number, FaultCount.last_at).order_by(FaultCount.hour)
@@ -231,12 +231,12 @@ def test_counts_are_one_row_an_hour_and_are_gone_after_a_month(
     clock.forward(7 * DAY)
     assert troubles(app, short_study) == []
     clock.forward(23 * DAY)
-    assert app.faults.delete_old() == 2
+    assert app.failures.delete_old() == 2
 
 
 def test_an_open_page_learns_of_a_fault(app: AppContext, short_study: StudyInfo) -> None:
     before = stamp(app, short_study.id, ["live"], 30)
-    app.faults.count(Kind.PAGE, SHORT)
+    app.failures.count(Kind.PAGE, SHORT)
     assert stamp(app, short_study.id, ["live"], 30) != before
 
 

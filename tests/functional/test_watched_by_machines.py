@@ -156,13 +156,13 @@ def test_a_process_goes_on_measuring_when_its_folder_has_gone(tmp_path: Path) ->
     """As workers do that finish what is under way, after the process that made it was killed."""
     code = """
 import os, shutil
-from app.services.runtime.metrics import SHARED_DIR, Measurements
-measurements = Measurements()
+from app.services.runtime.metrics import SHARED_DIR, Metrics
+metrics = Metrics()
 shutil.rmtree(os.environ[SHARED_DIR])
-measurements.step_asked(ahead=True)
-measurements.renders(1, 0)
-measurements.request("GET", "/", 200, 0.1)
-with measurements.answering("left"), measurements.fitting(1):
+metrics.step_asked(ahead=True)
+metrics.renders(1, 0)
+metrics.request("GET", "/", 200, 0.1)
+with metrics.answering("left"), metrics.fitting(1):
     pass
 """
     folder = tmp_path / "shared"

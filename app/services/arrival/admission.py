@@ -218,7 +218,7 @@ def start(
         db.flush()
         state = session_state.describe(app, db, session)
     if given.unfilled and mode == LIVE:
-        app.faults.note(Kind.UNFILLED, Where(slug=slug))
+        app.failures.note(Kind.UNFILLED, Where(slug=slug))
     return token, state
 
 

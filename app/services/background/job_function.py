@@ -8,7 +8,7 @@ from typing import Any
 from app.services.runtime.settings import Settings
 
 #: Told how much of how much is done.
-Report = Callable[[int, int], None]
+ProgressCallback = Callable[[int, int], None]
 #: Work that a job does, by what was asked for; it returns what came of it, in a sentence. It runs
 #: in a process of its own, so it is a function that can be imported.
-Work = Callable[[Settings, Mapping[str, Any], Report], str]
+JobHandler = Callable[[Settings, Mapping[str, Any], ProgressCallback], str]

@@ -5,14 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from app.services.background.job_function import Report
+from app.services.background.job_function import ProgressCallback
 from app.services.runtime.settings import Settings
 from app.study.transcoding import transcode_folder
 
 KIND = "transcode"
 
 
-def transcode_draft(settings: Settings, request: Mapping[str, Any], report: Report) -> str:
+def transcode_draft(
+    settings: Settings, request: Mapping[str, Any], report: ProgressCallback
+) -> str:
     """Transcode what browsers cannot play in the draft of `request`; the old files go."""
     folder = settings.uploads_dir / "drafts" / str(request["draft"])
     names = transcode_folder(folder, report, keep=False)

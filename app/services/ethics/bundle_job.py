@@ -13,7 +13,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from app.services.background.job_function import Report
+from app.services.background.job_function import ProgressCallback
 from app.services.runtime import private_files
 from app.services.runtime.settings import Settings
 
@@ -47,7 +47,7 @@ def lay_ready(settings: Settings, files: Mapping[str, bytes], account_id: int) -
     return laid
 
 
-def make_bundle(settings: Settings, request: Mapping[str, Any], report: Report) -> str:
+def make_bundle(settings: Settings, request: Mapping[str, Any], report: ProgressCallback) -> str:
     """The work of a job: the zip of what was laid ready, with a picture of every page."""
     laid = folder(settings) / str(request["laid"])
     target = bundle_path(settings, int(request["study_id"]))

@@ -14,7 +14,7 @@ from typing import Any
 from sqlalchemy.orm import Session
 
 from app.services.context import AppContext
-from app.services.proposals.proposer import Clip
+from app.services.proposals.proposer import RecordingRef
 from app.services.sessions import query_view
 from app.services.sessions import state_view as session_state
 from app.services.sessions.state_view import State
@@ -45,12 +45,12 @@ def screens(app: AppContext, study: StudyInfo, language: str) -> list[Screen]:
         return [Screen(name, _described(app, db, row, plan)) for name in _walk(app, row, plan)]
 
 
-def still_clips(app: AppContext, study: StudyInfo) -> list[Clip]:
+def still_clips(app: AppContext, study: StudyInfo) -> list[RecordingRef]:
     """Two videos of the study that are there already, to stand in pictures of its pages."""
     clips = [
         clip
         for environment in study.plan.used_environments
-        for clip in app.proposer.space(study.id, environment).all_clips
+        for clip in app.proposer.candidate_set(study.id, environment).all_recordings
     ]
     there = app.recordings.sizes(clips)
     ready = [clip for clip in clips if clip.locator in there]
@@ -138,7 +138,7 @@ def _described(app: AppContext, db: Session, session: SessionRow, plan: Plan) ->
     if session.stage not in (Stage.QUERY, Stage.PRACTICE):
         return session_state.describe(app, db, session)
     condition = plan.conditions[session.trial_conditions[session.trial_index]]
-    clips = app.proposer.space(session.study_id, condition.environment).all_clips
+    clips = app.proposer.candidate_set(session.study_id, condition.environment).all_recordings
     return {
         "stage": session.stage,
         "progress": position(plan, session_state.read_progress(session)),

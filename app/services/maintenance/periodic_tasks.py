@@ -53,7 +53,7 @@ OF_THE_STUDIO = (
     Task("abandoned drafts", HOUR_S, expired_drafts.sweep),
     Task("videos of no study", HOUR_S, orphaned_videos.sweep),
     Task("sessions of deleted studies", HOUR_S, lambda app, _: deleted_studies.sweep(app)),
-    Task("old failure counts", HOUR_S, lambda app, _: app.faults.delete_old()),
+    Task("old failure counts", HOUR_S, lambda app, _: app.failures.delete_old()),
     Task("expired ethics bundles", HOUR_S, bundle.sweep),
 )
 

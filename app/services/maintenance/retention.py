@@ -71,10 +71,10 @@ def run(
             log.exception("the retention sweep of %s failed", slug)
             swept.failed = True
             if not dry_run:
-                app.faults.count(Kind.RETENTION, Where(slug=slug))
+                app.failures.count(Kind.RETENTION, Where(slug=slug))
         if swept != CleanupResult():
             found[slug] = swept
-    app.faults.write()
+    app.failures.write()
     return found
 
 

@@ -141,17 +141,17 @@ class WorkerTasks:
         await _without_calling_off(making)
 
     async def _do_job(self, public_id: str) -> None:
-        database, works = self._studio.database, self._studio.works
+        database, job_handlers = self._studio.database, self._studio.job_handlers
         lost_after = timedelta(seconds=self._pulse.job_lost_after_s)
         kind = await asyncio.to_thread(jobs.take_up, database, public_id, lost_after)
         if kind is None:
             return
-        if kind not in works:
-            raise LookupError(f"expected work among {', '.join(works)}, got {kind!r}")
+        if kind not in job_handlers:
+            raise LookupError(f"expected work among {', '.join(job_handlers)}, got {kind!r}")
         running = self._jobs.submit(
             public_id,
             jobs.run,
-            (self._studio.settings, public_id, works[kind]),
+            (self._studio.settings, public_id, job_handlers[kind]),
             partial(jobs.process_died, database, public_id),
         )
         if not await _without_calling_off(running):

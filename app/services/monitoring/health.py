@@ -55,7 +55,7 @@ def metrics(app: AppContext) -> bytes:
     """All that is measured, with what the database knows of all servers together."""
     registry = CollectorRegistry()
     registry.register(_InDatabase(app))
-    return app.measurements.as_text() + generate_latest(registry)
+    return app.metrics.as_text() + generate_latest(registry)
 
 
 class _InDatabase(Collector):

@@ -113,7 +113,7 @@ _SAID = {
 
 def troubles(app: AppContext, study: StudyInfo) -> list[Incident]:
     """What went wrong within the last days, the latest first."""
-    app.faults.write()
+    app.failures.write()
     since = app.now() - SHOWN
     with app.database.read() as db:
         found = [

@@ -13,7 +13,7 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session, joinedload, selectinload
 
 from app.services.context import AppContext
-from app.services.proposals.proposer import Clip, Space
+from app.services.proposals.proposer import CandidateSet, RecordingRef
 from app.services.recordings.recordings import video_url
 from app.services.runtime.errors import NotFoundError
 from app.services.studies.repository import StudyInfo
@@ -159,7 +159,7 @@ def _trial(
     trial: Trial,
     seen: Mapping[tuple[int, int], Mapping[str, Any]],
 ) -> TrialStory:
-    space = app.proposer.space(study.id, trial.environment)
+    space = app.proposer.candidate_set(study.id, trial.environment)
     learnt = _preferences(db, trial.id)
     undone = _undone(db, trial.id)
     acquired: dict[int, int] = {
@@ -167,7 +167,7 @@ def _trial(
         for row in db.scalars(select(Acquired).where(Acquired.trial_id == trial.id))
     }
     best = acquired[max(acquired)] if acquired else None
-    clips: Sequence[Clip] = () if best is None else space.clips[best]
+    clips: Sequence[RecordingRef] = () if best is None else space.recordings[best]
     shown = [
         one for query in trial.queries for one in (query.left_recording, query.right_recording)
     ]
@@ -201,7 +201,7 @@ def _trial(
     )
 
 
-def _video(there: Container[str], space: Space, candidate: int, recording: Any) -> Video:
+def _video(there: Container[str], space: CandidateSet, candidate: int, recording: Any) -> Video:
     point = map(float, space.candidates[candidate])
     return Video(
         candidate,

@@ -76,7 +76,7 @@ def payload_mb(app: AppContext, study: repository.StudyInfo) -> float | None:
     clips = [
         clip
         for environment in study.plan.environments
-        for clip in app.proposer.space(study.id, environment).all_clips
+        for clip in app.proposer.candidate_set(study.id, environment).all_recordings
     ]
     sizes = app.recordings.sizes(clips)
     if not sizes:

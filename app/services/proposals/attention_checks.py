@@ -11,7 +11,7 @@ import numpy as np
 
 from app.study.attention_checks import CandidatePoint, Kind
 
-from .proposer import Clip, ProposedQuery, Space, TrialSpec
+from .proposer import CandidateSet, ProposedQuery, RecordingRef, TrialSpec
 
 #: Without named candidates, the best and the worst tenth of the scored recordings are known.
 KNOWN_BY_SCORE = 0.1
@@ -19,20 +19,20 @@ KNOWN_BY_SCORE = 0.1
 #: What stands in `acquisition`: on which side the good one is.
 GOOD_SIDE = {"left": "good-left", "right": "good-right"}
 
-_Known = Sequence[tuple[int, Clip]]
+_Known = Sequence[tuple[int, RecordingRef]]
 
 
 def attention(
-    space: Space,
+    candidate_set: CandidateSet,
     trial: TrialSpec,
     place: int,
     rng: np.random.Generator,
-    usable: Callable[[Clip], bool] = lambda _: True,
+    usable: Callable[[RecordingRef], bool] = lambda _: True,
 ) -> ProposedQuery | None:
     """An attention check at this place; None if no two recordings can be set against each other."""
     good, bad = (
-        [(candidate, clip) for candidate, clip in known if usable(clip)]
-        for known in known_ends(space, trial)
+        [(candidate, recording) for candidate, recording in known if usable(recording)]
+        for known in known_ends(candidate_set, trial)
     )
     pairs = [(best, worst) for best in good for worst in bad if best[0] != worst[0]]
     if not pairs:
@@ -54,28 +54,31 @@ def attention(
     )
 
 
-def known_ends(space: Space, trial: TrialSpec) -> tuple[_Known, _Known]:
+def known_ends(candidate_set: CandidateSet, trial: TrialSpec) -> tuple[_Known, _Known]:
     """The recordings known to be good, and those known to be bad, each with its candidate."""
     if trial.checks.good:
         good, bad = trial.checks.good, trial.checks.bad
-        return list(_of(space, trial, good)), list(_of(space, trial, bad))
+        return list(_of(candidate_set, trial, good)), list(_of(candidate_set, trial, bad))
     scored = sorted(
-        (clip.score, candidate, place)
-        for candidate, clips in enumerate(space.clips)
-        for place, clip in enumerate(clips)
-        if clip.score is not None
+        (recording.score, candidate, place)
+        for candidate, recordings in enumerate(candidate_set.recordings)
+        for place, recording in enumerate(recordings)
+        if recording.score is not None
     )
     some = max(1, round(len(scored) * KNOWN_BY_SCORE))
     ends = (scored[-some:], scored[:some])
-    known = [[(candidate, space.clips[candidate][at]) for _, candidate, at in end] for end in ends]
+    known = [
+        [(candidate, candidate_set.recordings[candidate][at]) for _, candidate, at in end]
+        for end in ends
+    ]
     return known[0], known[1]
 
 
 def _of(
-    space: Space, trial: TrialSpec, points: Sequence[CandidatePoint]
-) -> Iterator[tuple[int, Clip]]:
+    candidate_set: CandidateSet, trial: TrialSpec, points: Sequence[CandidatePoint]
+) -> Iterator[tuple[int, RecordingRef]]:
     for point in points:
-        wanted = [point[name] for name in space.parameters]
-        for candidate in np.flatnonzero(np.isclose(space.candidates, wanted).all(axis=1)):
-            for clip in space.clips[int(candidate)]:
-                yield int(candidate), clip
+        wanted = [point[name] for name in candidate_set.parameters]
+        for candidate in np.flatnonzero(np.isclose(candidate_set.candidates, wanted).all(axis=1)):
+            for recording in candidate_set.recordings[int(candidate)]:
+                yield int(candidate), recording

@@ -28,7 +28,7 @@ History = tuple[Answer, ...]
 
 
 @dataclass(frozen=True)
-class Question:
+class StepRequest:
     """All that a thought follows from. candidates: (n, d). ends: whether no query is wanted."""
 
     candidates: NDArray[np.float64]
@@ -61,27 +61,27 @@ class StepResult:
     acquired: AcquiredCandidate | None
 
 
-def compute_step(question: Question) -> StepResult:
+def compute_step(request: StepRequest) -> StepResult:
     """The thought that follows, from nothing but the question."""
     optimizer = PreferenceOptimizer.replay(
-        question.candidates,
-        question.history,
-        method=question.method,
-        seed=question.seed,
-        settings=Settings.from_mapping(question.settings),
+        request.candidates,
+        request.history,
+        method=request.method,
+        seed=request.seed,
+        settings=Settings.from_mapping(request.settings),
     )
-    query = None if question.ends else optimizer.ask()
+    query = None if request.ends else optimizer.ask()
     return StepResult(
         query=query,
-        likelier="left" if query is None else _likelier(optimizer, question.method, query),
+        likelier="left" if query is None else _likelier(optimizer, request.method, query),
         preferences=optimizer.preferences,
-        acquired=_acquired(optimizer, question.method) if question.history else None,
+        acquired=_acquired(optimizer, request.method) if request.history else None,
     )
 
 
-def compute_steps(questions: Sequence[Question]) -> list[StepResult]:
+def compute_steps(requests: Sequence[StepRequest]) -> list[StepResult]:
     """The thoughts that follow from these, in their order."""
-    return [compute_step(question) for question in questions]
+    return [compute_step(request) for request in requests]
 
 
 class FitProcess:
@@ -93,19 +93,19 @@ class FitProcess:
         #: Whether the process is there: it has answered before.
         self.is_ready = False
 
-    def compute_step(self, questions: Sequence[Question]) -> list[StepResult]:
+    def compute_steps(self, requests: Sequence[StepRequest]) -> list[StepResult]:
         """As `compute_step` of each; this process waits meanwhile, and can do other things.
 
         They go there together: each errand takes this process about a millisecond.
         """
         try:
-            thoughts = self._open().submit(compute_steps, questions).result()
+            results = self._open().submit(compute_steps, requests).result()
         except BrokenProcessPool:
             # It was killed, for want of memory say: the next one starts afresh.
             self.close()
-            thoughts = self._open().submit(compute_steps, questions).result()
+            results = self._open().submit(compute_steps, requests).result()
         self.is_ready = True
-        return thoughts
+        return results
 
     def close(self) -> None:
         with self._lock:

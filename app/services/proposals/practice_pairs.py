@@ -7,17 +7,19 @@ import numpy as np
 from app.pbbo import ENGINE_VERSION
 from app.study.stage_settings import PRACTICE
 
-from .proposer import ProposedQuery, Space
+from .proposer import CandidateSet, ProposedQuery
 
 #: Tells the draw of practice pairs apart from every other use of a trial's seed.
 _DRAW = 105
 
 
-def pair(space: Space, seed: int, query_index: int) -> ProposedQuery:
+def pair(candidate_set: CandidateSet, seed: int, query_index: int) -> ProposedQuery:
     """The practice's query at this place: a pure function of its arguments."""
     rng = np.random.default_rng([seed, _DRAW, query_index])
-    left, right = (int(index) for index in rng.choice(len(space.clips), 2, replace=False))
-    shown = [space.clips[index] for index in (left, right)]
+    left, right = (
+        int(index) for index in rng.choice(len(candidate_set.recordings), 2, replace=False)
+    )
+    shown = [candidate_set.recordings[index] for index in (left, right)]
     return ProposedQuery(
         query_index=query_index,
         trial_type=PRACTICE,

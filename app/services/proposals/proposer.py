@@ -28,7 +28,7 @@ from .computation import (
     AcquiredCandidate,
     FitProcess,
     History,
-    Question,
+    StepRequest,
     StepResult,
     compute_step,
     compute_steps,
@@ -37,13 +37,13 @@ from .posterior_cache import PosteriorCache
 from .step_cache import StepCache
 
 #: Environments whose candidates are cached: a few hundred kilobytes each.
-MAX_SPACES = 64
+MAX_CANDIDATE_SETS = 64
 #: Tells the draw of recordings apart from every other use of a trial's seed.
 _RECORDING_DRAW = 101
 
 
 @dataclass(frozen=True)
-class Clip:
+class RecordingRef:
     """A recording as a query needs it."""
 
     id: int
@@ -55,20 +55,22 @@ class Clip:
 
 
 @dataclass(frozen=True)
-class Space:
+class CandidateSet:
     """The candidates of one environment, (n, d), and the clips of each."""
 
     candidates: NDArray[np.float64] = field(repr=False)
-    clips: tuple[tuple[Clip, ...], ...] = field(repr=False)
+    recordings: tuple[tuple[RecordingRef, ...], ...] = field(repr=False)
     parameters: tuple[str, ...] = ()
 
-    def clip(self, candidate: int, recording_id: int) -> Clip:
+    def recording(self, candidate: int, recording_id: int) -> RecordingRef:
         """The candidate's clip of this recording."""
-        return next(clip for clip in self.clips[candidate] if clip.id == recording_id)
+        return next(
+            recording for recording in self.recordings[candidate] if recording.id == recording_id
+        )
 
     @property
-    def all_clips(self) -> tuple[Clip, ...]:
-        return tuple(clip for clips in self.clips for clip in clips)
+    def all_recordings(self) -> tuple[RecordingRef, ...]:
+        return tuple(recording for recordings in self.recordings for recording in recordings)
 
 
 @dataclass(frozen=True)
@@ -88,7 +90,7 @@ class TrialSpec:
     engine_version: str = ENGINE_VERSION
 
     @property
-    def most_learned(self) -> int:
+    def training_responses(self) -> int:
         """How many responses the model learns from in the end."""
         return self.queries + (self.repeats + self.attention if self.checks.in_model else 0)
 
@@ -104,8 +106,8 @@ class ProposedQuery:
     trial_type: str
     left_candidate: int
     right_candidate: int
-    left: Clip
-    right: Clip
+    left: RecordingRef
+    right: RecordingRef
     acquisition: str
     seed: int
     engine_version: str
@@ -114,7 +116,7 @@ class ProposedQuery:
 
 
 @dataclass(frozen=True)
-class Step:
+class NextStep:
     """What follows a history: the next query (None after the last), and what was learnt."""
 
     next: ProposedQuery | None
@@ -129,39 +131,39 @@ class Proposer:
         self,
         database: Database,
         background: Background,
-        render: Callable[[Clip], None],
-        measurements: Metrics,
+        render: Callable[[RecordingRef], None],
+        metrics: Metrics,
     ) -> None:
         self._database = database
         self._background = background
         self._render = render
-        self._measurements = measurements
-        self._spaces: LRUCache[tuple[int, str], Space] = LRUCache(MAX_SPACES)
+        self._metrics = metrics
+        self._candidate_sets: LRUCache[tuple[int, str], CandidateSet] = LRUCache(MAX_CANDIDATE_SETS)
         self._lock = Lock()
-        self._steps = StepCache[Step]()
-        self._elsewhere = FitProcess()
+        self._steps = StepCache[NextStep]()
+        self._fit_process = FitProcess()
         #: For the pages that show a session's models.
         self.posteriors = PosteriorCache()
 
-    def space(self, study_id: int, environment: str) -> Space:
+    def candidate_set(self, study_id: int, environment: str) -> CandidateSet:
         """The candidates and clips of a study's environment; they never change."""
         key = (study_id, environment)
         with self._lock:
-            space = self._spaces.get(key)
-        if space is None:
-            space = _read_space(self._database, study_id, environment)
+            candidate_set = self._candidate_sets.get(key)
+        if candidate_set is None:
+            candidate_set = _read_candidate_set(self._database, study_id, environment)
             with self._lock:
-                self._spaces[key] = space
-        return space
+                self._candidate_sets[key] = candidate_set
+        return candidate_set
 
-    def step(self, trial: TrialSpec, history: History) -> Step:
+    def step(self, trial: TrialSpec, history: History) -> NextStep:
         """What follows `history`: from what was worked out ahead, or worked out now."""
         step = self.cached_step(trial, history)
         if step is None:
             # A fit holds everybody else here up, but nobody should wait for a process to start.
-            here = not history or not self._elsewhere.is_ready
-            thinks = compute_steps if here else self._elsewhere.compute_step
-            [step] = self._work_out(trial, [history], thinks)
+            here = not history or not self._fit_process.is_ready
+            compute = compute_steps if here else self._fit_process.compute_steps
+            [step] = self._compute(trial, [history], compute)
         return step
 
     def purge(self, seeds: frozenset[int]) -> None:
@@ -178,7 +180,7 @@ class Proposer:
         self.posteriors.evict(seeds)
         self._steps.evict(seeds)
 
-    def cached_step(self, trial: TrialSpec, history: History) -> Step | None:
+    def cached_step(self, trial: TrialSpec, history: History) -> NextStep | None:
         """The step after `history`, if it was computed ahead."""
         return self._steps.get(trial.seed, [history])[0]
 
@@ -200,12 +202,12 @@ class Proposer:
         return [step.next for step in steps if step is not None and step.next is not None]
 
     def close(self) -> None:
-        self._elsewhere.close()
+        self._fit_process.close()
 
-    def render(self, clips: Sequence[Clip]) -> None:
+    def render(self, recordings: Sequence[RecordingRef]) -> None:
         """Begin to make the videos that are not there yet."""
-        for clip in clips:
-            self._render(clip)
+        for recording in recordings:
+            self._render(recording)
 
     def _futures(self, trial: TrialSpec, history: History, pair: tuple[int, int]) -> list[History]:
         """What the history may be after the open query, the likeliest first."""
@@ -224,56 +226,63 @@ class Proposer:
         known = self._steps.get(trial.seed, futures)
         missing = [after for after, step in zip(futures, known, strict=True) if step is None]
         if missing:
-            for step in self._work_out(trial, missing, self._elsewhere.compute_step):
+            for step in self._compute(trial, missing, self._fit_process.compute_steps):
                 if step.next is not None:
                     self.render([step.next.left, step.next.right])
 
-    def _work_out(
+    def _compute(
         self,
         trial: TrialSpec,
         histories: Sequence[History],
-        thinks: Callable[[Sequence[Question]], list[StepResult]],
-    ) -> list[Step]:
+        compute: Callable[[Sequence[StepRequest]], list[StepResult]],
+    ) -> list[NextStep]:
         """The steps after these histories, which are kept from now on."""
-        space = self.space(trial.study_id, trial.environment)
-        with self._measurements.fitting(len(histories)):
-            thoughts = thinks([_question(space, trial, history) for history in histories])
-        steps = [_step(space, trial, thought) for thought in thoughts]
+        candidate_set = self.candidate_set(trial.study_id, trial.environment)
+        with self._metrics.fitting(len(histories)):
+            results = compute(
+                [_step_request(candidate_set, trial, history) for history in histories]
+            )
+        steps = [_step(candidate_set, trial, result) for result in results]
         self._steps.put(trial.seed, dict(zip(histories, steps, strict=True)))
         return steps
 
 
-def work_out(space: Space, trial: TrialSpec, history: History) -> Step:
+def next_step(candidate_set: CandidateSet, trial: TrialSpec, history: History) -> NextStep:
     """The step after `history`, from nothing but its arguments."""
-    return _step(space, trial, compute_step(_question(space, trial, history)))
+    return _step(candidate_set, trial, compute_step(_step_request(candidate_set, trial, history)))
 
 
-def _question(space: Space, trial: TrialSpec, history: History) -> Question:
-    return Question(
-        candidates=space.candidates,
+def _step_request(candidate_set: CandidateSet, trial: TrialSpec, history: History) -> StepRequest:
+    return StepRequest(
+        candidates=candidate_set.candidates,
         method=trial.method,
         settings=trial.settings,
         seed=trial.seed,
         history=history,
-        ends=len(history) >= trial.most_learned,
+        ends=len(history) >= trial.training_responses,
     )
 
 
-def _step(space: Space, trial: TrialSpec, thought: StepResult) -> Step:
+def _step(candidate_set: CandidateSet, trial: TrialSpec, result: StepResult) -> NextStep:
     """A thought, with the recordings that show its query."""
-    query = thought.query
-    return Step(
-        next=None if query is None else _next_query(space, trial, query, thought.likelier),
-        preferences=thought.preferences,
-        acquired=thought.acquired,
+    query = result.query
+    return NextStep(
+        next=None if query is None else _next_query(candidate_set, trial, query, result.likelier),
+        preferences=result.preferences,
+        acquired=result.acquired,
     )
 
 
-def _next_query(space: Space, trial: TrialSpec, query: Query, likelier: str) -> ProposedQuery:
+def _next_query(
+    candidate_set: CandidateSet, trial: TrialSpec, query: Query, likelier: str
+) -> ProposedQuery:
     rng = np.random.default_rng([trial.seed, _RECORDING_DRAW, query.index])
     left, right = (
-        clips[int(rng.integers(len(clips)))]
-        for clips in (space.clips[query.left], space.clips[query.right])
+        recordings[int(rng.integers(len(recordings)))]
+        for recordings in (
+            candidate_set.recordings[query.left],
+            candidate_set.recordings[query.right],
+        )
     )
     return ProposedQuery(
         query_index=query.index,
@@ -289,7 +298,7 @@ def _next_query(space: Space, trial: TrialSpec, query: Query, likelier: str) -> 
     )
 
 
-def _read_space(database: Database, study_id: int, environment: str) -> Space:
+def _read_candidate_set(database: Database, study_id: int, environment: str) -> CandidateSet:
     with database.read() as db:
         rows = db.execute(
             select(
@@ -308,13 +317,13 @@ def _read_space(database: Database, study_id: int, environment: str) -> Space:
         ).all()
     names: tuple[str, ...] = ()
     points: dict[int, list[float]] = {}
-    clips: dict[int, list[Clip]] = {}
-    for index, parameters, *clip in rows:
+    recordings: dict[int, list[RecordingRef]] = {}
+    for index, parameters, *recording in rows:
         names = tuple(parameters)
         points[index] = list(parameters.values())
-        clips.setdefault(index, []).append(Clip(*clip))
-    return Space(
+        recordings.setdefault(index, []).append(RecordingRef(*recording))
+    return CandidateSet(
         np.array([points[index] for index in sorted(points)], dtype=np.float64),
-        tuple(tuple(clips[index]) for index in sorted(clips)),
+        tuple(tuple(recordings[index]) for index in sorted(recordings)),
         names,
     )

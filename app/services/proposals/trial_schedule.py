@@ -19,7 +19,7 @@ from app.study.stage_settings import PRACTICE
 
 from .attention_checks import attention
 from .computation import History
-from .proposer import Clip, ProposedQuery, Space, Step, TrialSpec
+from .proposer import CandidateSet, NextStep, ProposedQuery, RecordingRef, TrialSpec
 
 #: Tell draws apart from every other use of a trial's seed.
 _REPLACEMENT_DRAW = 104
@@ -31,7 +31,7 @@ FILLER = "filler"
 
 
 @dataclass(frozen=True)
-class Shown:
+class AskedQuery:
     """A query as it was stored: candidates by their index, recordings by their id."""
 
     query_index: int
@@ -48,29 +48,29 @@ class Shown:
 
 
 #: The answered queries of a trial, in order: one for each place.
-Record = tuple[Shown, ...]
+AnsweredQueries = tuple[AskedQuery, ...]
 
 
-def teaches(trial: TrialSpec, trial_type: str) -> bool:
+def is_training(trial: TrialSpec, trial_type: str) -> bool:
     """Whether the model learns from responses to queries of this type."""
     if trial_type in (Kind.REPEAT, Kind.ATTENTION):
         return trial.checks.in_model
     return trial_type != FILLER
 
 
-def lessons(trial: TrialSpec, record: Record) -> Record:
+def training_records(trial: TrialSpec, record: AnsweredQueries) -> AnsweredQueries:
     """The part of the record that the model learns from."""
-    return tuple(shown for shown in record if teaches(trial, shown.trial_type))
+    return tuple(shown for shown in record if is_training(trial, shown.trial_type))
 
 
-def learned(trial: TrialSpec, record: Record) -> History:
+def training_history(trial: TrialSpec, record: AnsweredQueries) -> History:
     """What the model learns from, as the optimiser takes it."""
     with_reasons = learns_reasons(trial.method, trial.engine_version)
     return tuple(
         (shown.left, shown.right, shown.response or "", shown.skip_reason)
         if with_reasons and shown.skip_reason in SKIP_REASONS
         else (shown.left, shown.right, shown.response or "")
-        for shown in lessons(trial, record)
+        for shown in training_records(trial, record)
     )
 
 
@@ -85,32 +85,42 @@ def _places(seed: int, queries: int, repeats: int, attention: int) -> tuple[Kind
     return schedule(queries, repeats, attention, np.random.default_rng([seed, _SCHEDULE_DRAW]))
 
 
-def following(space: Space, trial: TrialSpec, record: Record, step: Step) -> ProposedQuery | None:
+def next_query(
+    candidate_set: CandidateSet, trial: TrialSpec, record: AnsweredQueries, step: NextStep
+) -> ProposedQuery | None:
     """The query after these; None after the last. step: what follows what they taught."""
     place = len(record)
     kind = kind_at(trial, place)
     if kind is None:
         return None
     if kind is not Kind.MODEL:
-        return check_at(space, trial, record, place)
+        return check_at(candidate_set, trial, record, place)
     assert step.next is not None
     return replace(step.next, query_index=place)
 
 
-def check_at(space: Space, trial: TrialSpec, record: Record, place: int) -> ProposedQuery:
+def check_at(
+    candidate_set: CandidateSet, trial: TrialSpec, record: AnsweredQueries, place: int
+) -> ProposedQuery:
     """The check at this place. It does not depend on the response just before it."""
     rng = np.random.default_rng([trial.seed, _CHECK_DRAW, place])
     if kind_at(trial, place) is Kind.ATTENTION:
-        check = attention(space, trial, place, rng)
+        check = attention(candidate_set, trial, place, rng)
         if check is not None:
             return check
     else:
-        return _repeat(space, trial, record, place, rng)
-    return _filler(space, trial, place, rng, list(range(len(space.clips))), lambda _: True)
+        return _repeat(candidate_set, trial, record, place, rng)
+    return _filler(
+        candidate_set, trial, place, rng, list(range(len(candidate_set.recordings))), lambda _: True
+    )
 
 
 def _repeat(
-    space: Space, trial: TrialSpec, record: Record, place: int, rng: np.random.Generator
+    candidate_set: CandidateSet,
+    trial: TrialSpec,
+    record: AnsweredQueries,
+    place: int,
+    rng: np.random.Generator,
 ) -> ProposedQuery:
     """An earlier query again, its sides swapped. The one just before would be recognised."""
     done = {shown.repeats for shown in record}
@@ -124,7 +134,11 @@ def _repeat(
     # Whether somebody chooses alike can be told of a choice; a skip is second best.
     chosen = [shown for shown in open_to_it if shown.response != "skip"] or open_to_it
     earlier = chosen[int(rng.integers(len(chosen)))]
-    by_id = {clip.id: clip for side in (earlier.left, earlier.right) for clip in space.clips[side]}
+    by_id = {
+        recording.id: recording
+        for side in (earlier.left, earlier.right)
+        for recording in candidate_set.recordings[side]
+    }
     return ProposedQuery(
         query_index=place,
         trial_type=Kind.REPEAT.value,
@@ -141,7 +155,10 @@ def _repeat(
 
 
 def replacement(
-    space: Space, trial: TrialSpec, tried: Sequence[Shown], usable: Callable[[Clip], bool]
+    candidate_set: CandidateSet,
+    trial: TrialSpec,
+    tried: Sequence[AskedQuery],
+    usable: Callable[[RecordingRef], bool],
 ) -> ProposedQuery:
     """The query in place of one that did not play; `tried` are all attempts at its place.
 
@@ -156,13 +173,21 @@ def replacement(
 
     if last.trial_type == Kind.ATTENTION:
         check = attention(
-            space, trial, place, rng, lambda clip: clip.id not in spent and usable(clip)
+            candidate_set,
+            trial,
+            place,
+            rng,
+            lambda recording: recording.id not in spent and usable(recording),
         )
         if check is not None:
             return check
 
-    def fresh(candidate: int) -> list[Clip]:
-        return [clip for clip in space.clips[candidate] if clip.id not in spent and usable(clip)]
+    def fresh(candidate: int) -> list[RecordingRef]:
+        return [
+            recording
+            for recording in candidate_set.recordings[candidate]
+            if recording.id not in spent and usable(recording)
+        ]
 
     left, right = fresh(last.left), fresh(last.right)
     if left and right and last.trial_type != Kind.ATTENTION:
@@ -179,8 +204,8 @@ def replacement(
             likelier="left",
             repeats=last.repeats,
         )
-    others = _other_candidates(space, tried, usable)
-    random = _filler(space, trial, place, rng, others, usable)
+    others = _other_candidates(candidate_set, tried, usable)
+    random = _filler(candidate_set, trial, place, rng, others, usable)
     if last.trial_type == PRACTICE:
         return replace(random, trial_type=PRACTICE)
     if kind_at(trial, place) is Kind.MODEL:
@@ -189,24 +214,27 @@ def replacement(
 
 
 def _filler(
-    space: Space,
+    candidate_set: CandidateSet,
     trial: TrialSpec,
     place: int,
     rng: np.random.Generator,
     candidates: Sequence[int],
-    usable: Callable[[Clip], bool],
+    usable: Callable[[RecordingRef], bool],
 ) -> ProposedQuery:
     """Two of these candidates at random, in place of what could not be shown."""
     drawn = rng.choice(len(candidates), 2, replace=False)
     pair = [candidates[int(index)] for index in drawn]
-    clips = [[clip for clip in space.clips[candidate] if usable(clip)] for candidate in pair]
+    recordings = [
+        [recording for recording in candidate_set.recordings[candidate] if usable(recording)]
+        for candidate in pair
+    ]
     return ProposedQuery(
         query_index=place,
         trial_type=FILLER,
         left_candidate=pair[0],
         right_candidate=pair[1],
-        left=clips[0][int(rng.integers(len(clips[0])))],
-        right=clips[1][int(rng.integers(len(clips[1])))],
+        left=recordings[0][int(rng.integers(len(recordings[0])))],
+        right=recordings[1][int(rng.integers(len(recordings[1])))],
         acquisition="replacement",
         seed=trial.seed,
         engine_version=trial.engine_version,
@@ -215,11 +243,13 @@ def _filler(
 
 
 def _other_candidates(
-    space: Space, tried: Sequence[Shown], usable: Callable[[Clip], bool]
+    candidate_set: CandidateSet, tried: Sequence[AskedQuery], usable: Callable[[RecordingRef], bool]
 ) -> list[int]:
     """Candidates that can be shown, without those tried; where too few are left, with them."""
     can_be_shown = [
-        candidate for candidate, clips in enumerate(space.clips) if any(map(usable, clips))
+        candidate
+        for candidate, recordings in enumerate(candidate_set.recordings)
+        if any(map(usable, recordings))
     ]
     spent = {candidate for shown in tried for candidate in (shown.left, shown.right)}
     others = [candidate for candidate in can_be_shown if candidate not in spent]
@@ -232,5 +262,5 @@ def _other_candidates(
     )
 
 
-def _recordings(shown: Shown) -> tuple[int, int]:
+def _recordings(shown: AskedQuery) -> tuple[int, int]:
     return shown.left_recording, shown.right_recording

@@ -13,7 +13,7 @@ from sqlalchemy.orm import Session
 
 from app.services.context import AppContext
 from app.services.monitoring.session_detail import find_session
-from app.services.proposals.trial_schedule import learned
+from app.services.proposals.trial_schedule import training_history
 from app.services.runtime.errors import NotFoundError
 from app.services.sessions import queries
 from app.services.studies.repository import StudyInfo
@@ -36,7 +36,7 @@ def find(app: AppContext, study: StudyInfo, session_id: str, trial_index: int, n
 
 def path(app: AppContext, db: Session, trial: Trial) -> Found:
     """The acquired candidate after each answer."""
-    space = app.proposer.space(trial.session.study_id, trial.environment)
+    space = app.proposer.candidate_set(trial.session.study_id, trial.environment)
     rows: list[Row] = [
         {
             "query_index": at,
@@ -83,9 +83,9 @@ def posterior(app: AppContext, db: Session, trial: Trial) -> Found:
     in_hand = queries.trial_spec(
         trial.session, trial.trial_index, trial.seed, trial.queries[0].engine_version
     )
-    space = app.proposer.space(in_hand.study_id, in_hand.environment)
+    space = app.proposer.candidate_set(in_hand.study_id, in_hand.environment)
     record = queries.read_record(db, trial.id)
-    history = learned(in_hand, record)
+    history = training_history(in_hand, record)
     belief = app.proposer.posteriors.posterior(
         space.candidates, in_hand.method, in_hand.settings, in_hand.seed, history
     )

@@ -83,7 +83,7 @@ def _bury(
     at: datetime | None,
 ) -> frozenset[int]:
     now = app.now() if at is None else at
-    app.ledger.note(now, reason, [deletion_log.session_key(row.token_hash) for row in rows])
+    app.deletion_log.note(now, reason, [deletion_log.session_key(row.token_hash) for row in rows])
     # The day alone: a moment could be matched with what somebody else saw at that moment.
     day = now.replace(hour=0, minute=0, second=0, microsecond=0)
     db.add_all(

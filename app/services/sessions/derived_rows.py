@@ -10,13 +10,13 @@ from typing import Any
 
 from sqlalchemy.orm import Session
 
-from app.services.proposals.proposer import Step
-from app.services.proposals.trial_schedule import Record
+from app.services.proposals.proposer import NextStep
+from app.services.proposals.trial_schedule import AnsweredQueries
 from app.storage.bulk_insert import insert_rows
 from app.storage.models.studies import Acquired, PreferenceRow, QueryRow
 
 
-def store(db: Session, query: QueryRow, step: Step, taught: Record) -> None:
+def store(db: Session, query: QueryRow, step: NextStep, taught: AnsweredQueries) -> None:
     """Store what the response to this query taught. step: what follows `taught`, which ends there.
 
     Of preferences that is what its response says, and what skips before it had waited for.
@@ -38,7 +38,7 @@ def store(db: Session, query: QueryRow, step: Step, taught: Record) -> None:
         insert_rows(db, Acquired, [acquired])
 
 
-def preferences(step: Step, taught: Record) -> Iterator[dict[str, Any]]:
+def preferences(step: NextStep, taught: AnsweredQueries) -> Iterator[dict[str, Any]]:
     """All preferences of a step, in order, by the columns that the table has for them.
 
     The optimiser numbers the queries that it learnt from, `taught`; the trial numbers its places.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from app.services.context import AppContext
-from app.services.proposals.proposer import Clip
+from app.services.proposals.proposer import RecordingRef
 from app.services.runtime.errors import NotFoundError
 from app.services.studies.repository import plan_of, stored_plan
 from app.storage.models.studies import SessionRow
@@ -15,7 +15,7 @@ from app.study.assignment import sample_familiarisation
 _DRAW = 102
 
 
-def clips(app: AppContext, session: SessionRow) -> tuple[Clip, ...]:
+def clips(app: AppContext, session: SessionRow) -> tuple[RecordingRef, ...]:
     """The videos before the trial that comes next: drawn by the session's seed, alike each time."""
     plan = stored_plan(session.plan)
     if plan.blocks == "environment":
@@ -26,7 +26,7 @@ def clips(app: AppContext, session: SessionRow) -> tuple[Clip, ...]:
     found = [
         clip
         for environment in environments
-        for clip in app.proposer.space(session.study_id, environment).all_clips
+        for clip in app.proposer.candidate_set(session.study_id, environment).all_recordings
     ]
     block = session.trial_index // plan_of(session).trials_per_block
     rng = np.random.default_rng([session.seed, _DRAW, *([block] if block else [])])
@@ -34,13 +34,13 @@ def clips(app: AppContext, session: SessionRow) -> tuple[Clip, ...]:
     return tuple(found[index] for index in drawn)
 
 
-def test_clips(app: AppContext, session: SessionRow) -> tuple[Clip, ...]:
+def test_clips(app: AppContext, session: SessionRow) -> tuple[RecordingRef, ...]:
     """The video of the session's device check: any that the study has."""
     plan = stored_plan(session.plan)
     if plan.device_check is None:
         return ()
-    space = app.proposer.space(session.study_id, plan.used_environments[0])
-    return space.all_clips[:1]
+    space = app.proposer.candidate_set(session.study_id, plan.used_environments[0])
+    return space.all_recordings[:1]
 
 
 def watched(session: SessionRow) -> list[int]:

@@ -12,7 +12,7 @@ from sqlalchemy.orm import Session, contains_eager, joinedload
 
 from app.pbbo import ENGINE_VERSION, defaults_under
 from app.services.proposals.proposer import TrialSpec
-from app.services.proposals.trial_schedule import Record, Shown
+from app.services.proposals.trial_schedule import AnsweredQueries, AskedQuery
 from app.services.runtime.errors import NotFoundError
 from app.services.studies.repository import stored_plan
 from app.storage.bulk_insert import insert_rows
@@ -47,8 +47,8 @@ class OpenQuery:
     #: What the session's browser knows the open query as.
     public_id: str
     attempt: int
-    asked: Shown
-    record: Record
+    asked: AskedQuery
+    record: AnsweredQueries
     #: The query whose response opened this one, where both happened in this very call.
     just_answered: QueryRow | None = None
 
@@ -107,8 +107,8 @@ def standing(db: Session, session: SessionRow, trial_index: int) -> OpenQuery:
         seed=seed,
         public_id=public_id,
         attempt=attempt,
-        asked=Shown(*asked),
-        record=tuple(Shown(*answered[_PLACE:]) for answered in before),
+        asked=AskedQuery(*asked),
+        record=tuple(AskedQuery(*answered[_PLACE:]) for answered in before),
     )
 
 
@@ -125,20 +125,20 @@ def was_undone(db: Session, public_id: str) -> bool:
     return db.scalar(found) is not None
 
 
-def read_record(db: Session, trial_id: int) -> Record:
+def read_record(db: Session, trial_id: int) -> AnsweredQueries:
     """The answered queries of one trial, in order."""
-    shown = (Shown(*row) for row in _RECORD.read(db, {"trial_id": trial_id}))
+    shown = (AskedQuery(*row) for row in _RECORD.read(db, {"trial_id": trial_id}))
     return tuple(sorted(shown, key=lambda one: one.query_index))
 
 
-def read_attempts(db: Session, query: QueryRow) -> Record:
+def read_attempts(db: Session, query: QueryRow) -> AnsweredQueries:
     """All that was shown at the place of this query, set aside or not, oldest first."""
     rows: Iterable[Any] = db.execute(
         select(*_SHOWN)
         .where(QueryRow.trial_id == query.trial_id, QueryRow.query_index == query.query_index)
         .order_by(QueryRow.attempt)
     )
-    return tuple(Shown(*(*row, None)) for row in rows)
+    return tuple(AskedQuery(*(*row, None)) for row in rows)
 
 
 def number_set_aside(db: Session, session: SessionRow) -> int:

@@ -8,8 +8,8 @@ from sqlalchemy.orm import Session
 
 from app.services.context import AppContext
 from app.services.proposals import practice_pairs
-from app.services.proposals.proposer import Clip, ProposedQuery, TrialSpec
-from app.services.proposals.trial_schedule import check_at, kind_at, learned, teaches
+from app.services.proposals.proposer import ProposedQuery, RecordingRef, TrialSpec
+from app.services.proposals.trial_schedule import check_at, is_training, kind_at, training_history
 from app.services.recordings.addresses import Place
 from app.services.recordings.recordings import video_url
 from app.services.studies.repository import stored_plan
@@ -35,15 +35,15 @@ def describe(
     trial_index = PRACTICE_INDEX if practising else session.trial_index
     trial = known or queries.standing(db, session, trial_index)
     query = trial.asked
-    space = app.proposer.space(session.study_id, trial.environment)
+    space = app.proposer.candidate_set(session.study_id, trial.environment)
     condition = plan.conditions[session.trial_conditions[session.trial_index]]
     place = (trial_index, query.query_index)
     coming, then = _coming(app, session, trial), _place_after(session, trial)
     clips = [clip for following in coming for clip in (following.left, following.right)]
     state: dict[str, Any] = {
         "id": trial.public_id,
-        "left": video(app, session, space.clip(query.left, query.left_recording), place),
-        "right": video(app, session, space.clip(query.right, query.right_recording), place),
+        "left": video(app, session, space.recording(query.left, query.left_recording), place),
+        "right": video(app, session, space.recording(query.right, query.right_recording), place),
         "skip": skip_of(plan, condition, session.language),
         "prefetch": list(dict.fromkeys(_address(app, session, clip, then) for clip in clips)),
     }
@@ -67,12 +67,12 @@ def _undo(
     return {"query_id": offer.query.public_id, "seconds_left": seconds_left}
 
 
-def video(app: AppContext, session: SessionRow, clip: Clip, place: Place) -> dict[str, Any]:
+def video(app: AppContext, session: SessionRow, clip: RecordingRef, place: Place) -> dict[str, Any]:
     """A recording as the session's browser knows it, at one place."""
     return {"url": _address(app, session, clip, place), "duration_s": clip.duration_s}
 
 
-def _address(app: AppContext, session: SessionRow, clip: Clip, place: Place) -> str:
+def _address(app: AppContext, session: SessionRow, clip: RecordingRef, place: Place) -> str:
     return video_url(app.addresses.of(session, clip.id, place))
 
 
@@ -97,10 +97,10 @@ def _coming(app: AppContext, session: SessionRow, trial: OpenQuery) -> list[Prop
         return [_after_practice(app, session, in_hand)]
     record, query = trial.record, trial.asked
     kind = kind_at(in_hand, query.query_index + 1)
-    history = learned(in_hand, record)
+    history = training_history(in_hand, record)
     pair = (query.left, query.right)
     coming = []
-    if teaches(in_hand, query.trial_type):
+    if is_training(in_hand, query.trial_type):
         coming = app.proposer.possible_queries(in_hand, history, pair)
         app.proposer.precompute(in_hand, history, pair)
     elif (known := app.proposer.cached_step(in_hand, history)) and known.next:
@@ -108,7 +108,7 @@ def _coming(app: AppContext, session: SessionRow, trial: OpenQuery) -> list[Prop
     # After the last query none follows, and yet what its response will have taught is asked for.
     if kind in (None, Kind.MODEL):
         return coming
-    space = app.proposer.space(in_hand.study_id, in_hand.environment)
+    space = app.proposer.candidate_set(in_hand.study_id, in_hand.environment)
     check = check_at(space, in_hand, record, query.query_index + 1)
     app.proposer.render([check.left, check.right])
     return [check]
@@ -125,7 +125,7 @@ def _place_after(session: SessionRow, trial: OpenQuery) -> Place:
 def _after_practice(app: AppContext, session: SessionRow, in_hand: TrialSpec) -> ProposedQuery:
     """What follows the open practice query: it does not depend on the response."""
     if session.query_index + 1 < stored_plan(session.plan).practice.queries:
-        space = app.proposer.space(in_hand.study_id, in_hand.environment)
+        space = app.proposer.candidate_set(in_hand.study_id, in_hand.environment)
         return practice_pairs.pair(space, in_hand.seed, session.query_index + 1)
     first = app.proposer.step(
         queries.trial_spec(session, 0, queries.trial_seed(session, 0)), ()

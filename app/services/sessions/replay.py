@@ -10,8 +10,13 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session, selectinload
 
 from app.services.context import AppContext
-from app.services.proposals.proposer import ProposedQuery, work_out
-from app.services.proposals.trial_schedule import following, learned, lessons, teaches
+from app.services.proposals.proposer import ProposedQuery, next_step
+from app.services.proposals.trial_schedule import (
+    is_training,
+    next_query,
+    training_history,
+    training_records,
+)
 from app.services.studies import repository
 from app.storage.models.studies import Acquired, PreferenceRow, QueryRow, SessionRow, Trial
 from app.study.stage_settings import PRACTICE_INDEX
@@ -69,18 +74,18 @@ def _differences(app: AppContext, db: Session, trial: Trial) -> Iterator[Differe
     in_hand = queries.trial_spec(
         trial.session, trial.trial_index, trial.seed, trial.queries[0].engine_version
     )
-    space = app.proposer.space(in_hand.study_id, in_hand.environment)
+    space = app.proposer.candidate_set(in_hand.study_id, in_hand.environment)
     record = queries.read_record(db, trial.id)
     # What took the place of a video that did not play depends on which ones could be had.
     asked = {query.query_index: query for query in trial.queries if query.attempt == 0}
     acquired: dict[int, int] = {}
     for place in range(len(record) + 1):
         before = record[:place]
-        step = work_out(space, in_hand, learned(in_hand, before))
-        if place > 0 and step.acquired and teaches(in_hand, before[-1].trial_type):
+        step = next_step(space, in_hand, training_history(in_hand, before))
+        if place > 0 and step.acquired and is_training(in_hand, before[-1].trial_type):
             acquired[place - 1] = step.acquired.candidate
         if place in asked:
-            proposal = following(space, in_hand, before, step)
+            proposal = next_query(space, in_hand, before, step)
             assert proposal is not None
             was, would_be = _shown(asked[place]), _proposed(proposal)
             if was != would_be:
@@ -91,7 +96,7 @@ def _differences(app: AppContext, db: Session, trial: Trial) -> Iterator[Differe
             pair = ((stored.get(place),), (acquired.get(place),))
             yield Difference(f"acquired after query {place}", *pair)
     kept = _preferences(db, trial)
-    taught = {tuple(row.values()) for row in preferences(step, lessons(in_hand, record))}
+    taught = {tuple(row.values()) for row in preferences(step, training_records(in_hand, record))}
     if kept != taught:
         yield Difference("preferences", tuple(sorted(kept - taught)), tuple(sorted(taught - kept)))
 

@@ -16,15 +16,15 @@ from sqlalchemy.orm.attributes import set_committed_value
 from app.pbbo import allows_skip
 from app.services.context import AppContext
 from app.services.proposals.computation import History
-from app.services.proposals.proposer import ProposedQuery, Step, TrialSpec
+from app.services.proposals.proposer import NextStep, ProposedQuery, TrialSpec
 from app.services.proposals.trial_schedule import (
-    Record,
-    Shown,
-    following,
-    learned,
-    lessons,
+    AnsweredQueries,
+    AskedQuery,
+    is_training,
+    next_query,
     replacement,
-    teaches,
+    training_history,
+    training_records,
 )
 from app.services.runtime.errors import (
     AlreadyAnsweredError,
@@ -82,12 +82,12 @@ class _Asked:
     """
 
     trial: TrialSpec
-    record: Record
+    record: AnsweredQueries
     is_practice: bool
 
     @property
     def history(self) -> History:
-        return learned(self.trial, self.record)
+        return training_history(self.trial, self.record)
 
 
 def respond(app: AppContext, token: str, answer: Answer) -> State:
@@ -97,7 +97,7 @@ def respond(app: AppContext, token: str, answer: Answer) -> State:
     computed, outside any transaction. One short transaction locks the session, checks again and
     writes. The state is described from what is known by then.
     """
-    with app.measurements.answering(answer.response):
+    with app.metrics.answering(answer.response):
         with app.database.read() as db:
             session = lookup.find(app, db, token)
             query = queries.find(db, session, answer.query_id)
@@ -135,10 +135,10 @@ def _read(db: Session, session: SessionRow, query: QueryRow, answer: Answer) -> 
     return _Asked(trial, (*before, _shown(query, answer.response, answer.skip_reason)), is_practice)
 
 
-def _step(app: AppContext, asked: _Asked) -> Step:
+def _step(app: AppContext, asked: _Asked) -> NextStep:
     """The precomputed step, or one computed now."""
     step = app.proposer.cached_step(asked.trial, asked.history)
-    app.measurements.step_asked(ahead=step is not None)
+    app.metrics.step_asked(ahead=step is not None)
     return step or app.proposer.step(asked.trial, asked.history)
 
 
@@ -149,7 +149,7 @@ def _store(
     query: QueryRow,
     answer: Answer,
     asked: _Asked,
-    step: Step | None,
+    step: NextStep | None,
 ) -> OpenQuery | None:
     """Write the response, what it taught and what follows; the open query, if the trial goes on.
 
@@ -171,11 +171,11 @@ def _store(
     if step is None:
         _go_on_practising(app, db, session, query, now)
         return None
-    if teaches(asked.trial, query.trial_type):
-        derived_rows.store(db, query, step, lessons(asked.trial, asked.record))
+    if is_training(asked.trial, query.trial_type):
+        derived_rows.store(db, query, step, training_records(asked.trial, asked.record))
     if session.stage == Stage.QUERY and session.trial_index == query.trial.trial_index:
-        space = app.proposer.space(asked.trial.study_id, asked.trial.environment)
-        coming = following(space, asked.trial, asked.record, step)
+        space = app.proposer.candidate_set(asked.trial.study_id, asked.trial.environment)
+        coming = next_query(space, asked.trial, asked.record, step)
         assert coming is not None
         return _open(db, query, coming, asked.record, now)
     query.trial.ended_at = now
@@ -184,7 +184,7 @@ def _store(
 
 
 def _open(
-    db: Session, answered: QueryRow, coming: ProposedQuery, record: Record, now: datetime
+    db: Session, answered: QueryRow, coming: ProposedQuery, record: AnsweredQueries, now: datetime
 ) -> OpenQuery:
     """Store the trial's next query. record: all that was answered before it."""
     trial = answered.trial
@@ -197,7 +197,7 @@ def _open(
         seed=trial.seed,
         public_id=asked["public_id"],
         attempt=asked["attempt"],
-        asked=Shown(
+        asked=AskedQuery(
             query_index=coming.query_index,
             trial_type=coming.trial_type,
             left=coming.left_candidate,
@@ -255,7 +255,7 @@ def report_fault(app: AppContext, token: str, report: FaultReport) -> State:
         trial = queries.trial_spec(
             session, query.trial.trial_index, query.trial.seed, query.engine_version
         )
-        space = app.proposer.space(trial.study_id, trial.environment)
+        space = app.proposer.candidate_set(trial.study_id, trial.environment)
         instead = replacement(space, trial, tried, app.recordings.is_available)
         now = app.now()
         query.set_aside_at = now
@@ -308,8 +308,8 @@ def _check_reason(session: SessionRow, query: QueryRow, answer: Answer) -> None:
         )
 
 
-def _shown(query: QueryRow, response: str, skip_reason: str | None) -> Shown:
-    return Shown(
+def _shown(query: QueryRow, response: str, skip_reason: str | None) -> AskedQuery:
+    return AskedQuery(
         query_index=query.query_index,
         trial_type=query.trial_type,
         left=query.left_candidate,

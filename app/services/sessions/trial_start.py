@@ -82,7 +82,7 @@ def practice_query(app: AppContext, session: SessionRow, query_index: int) -> Pr
     in_hand = queries.trial_spec(
         session, PRACTICE_INDEX, queries.trial_seed(session, PRACTICE_INDEX)
     )
-    space = app.proposer.space(in_hand.study_id, in_hand.environment)
+    space = app.proposer.candidate_set(in_hand.study_id, in_hand.environment)
     return practice_pairs.pair(space, in_hand.seed, query_index)
 
 

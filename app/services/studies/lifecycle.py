@@ -100,7 +100,7 @@ def delete(
         # With its people: a draft has none, and is made and thrown away at will.
         if status == repository.CLOSED:
             key = deletion_log.study_key(slug, study.created_at)
-            app.ledger.note(app.now(), deletion_log.STUDY, [key])
+            app.deletion_log.note(app.now(), deletion_log.STUDY, [key])
             deleted_studies.note(db, study, app.now())
         repository.delete_row(db, study)
         audit_log.note(

@@ -35,7 +35,7 @@ def given(request: Request, slug: str, app: AppContext) -> Given:
     try:
         return completion.in_link(app, slug, came)
     except IdsRefusedError:
-        app.faults.note(Kind.UNREADABLE, Where(slug=slug))
+        app.failures.note(Kind.UNREADABLE, Where(slug=slug))
         raise
 
 
@@ -87,4 +87,4 @@ def _is_single_use(app: AppContext, slug: str) -> bool:
 def note_unfilled(app: AppContext, slug: str, given: Given) -> None:
     """Have those who run the study told that somebody began by a link that was not filled in."""
     if given.unfilled:
-        app.faults.note(Kind.UNFILLED, Where(slug=slug))
+        app.failures.note(Kind.UNFILLED, Where(slug=slug))

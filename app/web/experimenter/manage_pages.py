@@ -233,7 +233,7 @@ def _manage(
             "paused_at": study.paused_at,
         },
         refused=refused,
-        may_simulate=simulation_results.SIMULATE in app.works,
+        may_simulate=simulation_results.SIMULATE in app.job_handlers,
         most_sessions=simulation_results.MOST_SESSIONS,
         job=jobs.newest(app, simulation_results.SIMULATE, study_id=study.id),
         duration=simulation_results.duration(app, study),

@@ -53,7 +53,7 @@ async def _count(scope: Scope, status: int) -> None:
     where = _where(scope) if kind is not None else None
     if kind is not None and where is not None:
         app: AppContext = scope["app"].state.app
-        await run_in_threadpool(app.faults.count, kind, where)
+        await run_in_threadpool(app.failures.count, kind, where)
 
 
 def _kind(path: str, status: int) -> Kind | None:

@@ -63,7 +63,7 @@ class RequestLog:
     def _tell(self, scope: Scope, status: int, seconds: float) -> None:
         method = scope["method"] if scope["method"] in _KNOWN_METHODS else "other"
         route = _pattern(scope)
-        scope["app"].state.app.measurements.request(method, route, status, seconds)
+        scope["app"].state.app.metrics.request(method, route, status, seconds)
         if status < 500 and route in _BY_MACHINES:
             return
         log.info(

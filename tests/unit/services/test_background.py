@@ -95,9 +95,9 @@ def test_closing_drops_what_has_not_begun(tmp_path: Path) -> None:
 
 OF_A_KILLED_SERVER = """
 import os, sys, time
-from app.services.background.local import InProcess
+from app.services.background.local import LocalBackground
 if __name__ == "__main__":
-    print(InProcess(1).in_process("who", os.getpid).result(), flush=True)
+    print(LocalBackground(1).in_process("who", os.getpid).result(), flush=True)
     time.sleep(60)
 """
 

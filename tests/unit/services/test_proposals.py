@@ -13,7 +13,13 @@ from app.services.background.local import LocalBackground
 from app.services.context import AppContext
 from app.services.proposals import computation, step_cache
 from app.services.proposals.computation import History
-from app.services.proposals.proposer import Clip, Proposer, Space, TrialSpec, work_out
+from app.services.proposals.proposer import (
+    CandidateSet,
+    Proposer,
+    RecordingRef,
+    TrialSpec,
+    next_step,
+)
 from tests.conftest import SHORT_PLAN, StudyShelf
 
 SETTINGS = {"preset": "paper-env1", "random_queries": 2}
@@ -23,59 +29,60 @@ TRIAL = TrialSpec(
 
 
 @pytest.fixture(scope="module")
-def space() -> Space:
+def space() -> CandidateSet:
     """Nine candidates on a line, three clips of each."""
     clips = tuple(
         tuple(
-            Clip(3 * index + run, f"id{index}-{run}", 10.0, "crane", "", None) for run in range(3)
+            RecordingRef(3 * index + run, f"id{index}-{run}", 10.0, "crane", "", None)
+            for run in range(3)
         )
         for index in range(9)
     )
-    return Space(np.linspace(0, 1, 9)[:, None], clips)
+    return CandidateSet(np.linspace(0, 1, 9)[:, None], clips)
 
 
-def answered(space: Space, responses: list[str], trial: TrialSpec = TRIAL) -> History:
+def answered(space: CandidateSet, responses: list[str], trial: TrialSpec = TRIAL) -> History:
     history: History = ()
     for response in responses:
-        following = work_out(space, trial, history).next
+        following = next_step(space, trial, history).next
         assert following is not None
         history = (*history, (following.left_candidate, following.right_candidate, response))
     return history
 
 
-def test_a_step_follows_from_its_arguments_alone(space: Space) -> None:
+def test_a_step_follows_from_its_arguments_alone(space: CandidateSet) -> None:
     history = answered(space, ["left", "skip", "right"])
-    assert work_out(space, TRIAL, history) == work_out(space, TRIAL, history)
+    assert next_step(space, TRIAL, history) == next_step(space, TRIAL, history)
     other = replace(TRIAL, seed=6)
-    assert work_out(space, TRIAL, ()).next != work_out(space, other, ()).next
+    assert next_step(space, TRIAL, ()).next != next_step(space, other, ()).next
 
 
-def test_the_clips_are_of_the_candidates_on_their_sides(space: Space) -> None:
+def test_the_clips_are_of_the_candidates_on_their_sides(space: CandidateSet) -> None:
     for responses in ([], ["left"], ["left", "skip"]):
-        following = work_out(space, TRIAL, answered(space, responses)).next
+        following = next_step(space, TRIAL, answered(space, responses)).next
         assert following is not None
         assert following.query_index == len(responses)
-        assert following.left in space.clips[following.left_candidate]
-        assert following.right in space.clips[following.right_candidate]
+        assert following.left in space.recordings[following.left_candidate]
+        assert following.right in space.recordings[following.right_candidate]
 
 
-def test_after_the_last_response_nothing_follows_but_what_was_learnt(space: Space) -> None:
-    step = work_out(space, TRIAL, answered(space, ["left", "right", "left", "right"]))
+def test_after_the_last_response_nothing_follows_but_what_was_learnt(space: CandidateSet) -> None:
+    step = next_step(space, TRIAL, answered(space, ["left", "right", "left", "right"]))
     assert step.next is None
     assert len(step.preferences) == 4
     assert step.acquired is not None
 
 
-def test_before_the_first_response_nothing_was_learnt(space: Space) -> None:
-    step = work_out(space, TRIAL, ())
+def test_before_the_first_response_nothing_was_learnt(space: CandidateSet) -> None:
+    step = next_step(space, TRIAL, ())
     assert step.preferences == ()
     assert step.acquired is None
 
 
-def test_a_knockout_acquires_its_last_winner_without_a_posterior(space: Space) -> None:
+def test_a_knockout_acquires_its_last_winner_without_a_posterior(space: CandidateSet) -> None:
     trial = replace(TRIAL, method="knockout")
     history = answered(space, ["left", "right"], trial)
-    acquired = work_out(space, trial, history).acquired
+    acquired = next_step(space, trial, history).acquired
     assert acquired is not None
     assert acquired.candidate == history[-1][1]
     assert (acquired.mean, acquired.std) == (None, None)
@@ -92,7 +99,7 @@ class Counted:
             self.times += 1
             return real(*args)  # type: ignore[arg-type]
 
-        monkeypatch.setattr(computation, "think", counting)
+        monkeypatch.setattr(computation, "compute_step", counting)
 
 
 @pytest.fixture
@@ -135,8 +142,8 @@ class TestWorkingAhead:
         self, app: AppContext, study_shelf: StudyShelf
     ) -> None:
         study_shelf.put_into(app, SHORT_PLAN)
-        begun: list[Clip] = []
-        proposer = Proposer(app.database, app.background, begun.append, app.measurements)
+        begun: list[RecordingRef] = []
+        proposer = Proposer(app.database, app.background, begun.append, app.metrics)
         pair = first_pair(proposer)
         assert proposer.possible_queries(TRIAL, (), pair) == []
 

@@ -8,9 +8,9 @@ import numpy as np
 import psutil
 import pytest
 
-from app.services.proposals.computation import FitProcess, Question, compute_step
+from app.services.proposals.computation import FitProcess, StepRequest, compute_step
 
-QUESTION = Question(
+QUESTION = StepRequest(
     candidates=np.linspace(0, 1, 9)[:, None],
     method="pbpo",
     settings={"preset": "paper-env1", "random_queries": 2},
@@ -39,9 +39,9 @@ def test_the_same_is_thought_here_and_elsewhere_also_after_a_killed_process(
     before = workers()
     # Whoever cannot wait for a process to start asks first whether it is there.
     assert not elsewhere.is_ready
-    assert elsewhere.compute_step([QUESTION]) == [here]
+    assert elsewhere.compute_steps([QUESTION]) == [here]
     assert elsewhere.is_ready
     (process,) = workers() - before
     process.kill()
     process.wait(10)
-    assert elsewhere.compute_step([QUESTION]) == [here]
+    assert elsewhere.compute_steps([QUESTION]) == [here]

@@ -189,7 +189,7 @@ def _application(app: AppContext) -> FastAPI:
     gc.collect()
     gc.freeze()
     gc.set_threshold(GARBAGE_AT)
-    jobs.revive(app)
+    jobs.restart_stalled(app)
     return fastapi_app
 
 

@@ -36,7 +36,7 @@ def work(
     ready: Callable[[], None],
     *,
     alive: Path | None = None,
-    pulse: HeartbeatConfig = HeartbeatConfig(),  # noqa: B008 - a frozen value
+    heartbeat: HeartbeatConfig = HeartbeatConfig(),  # noqa: B008 - a frozen value
 ) -> None:
     """Do what servers ask for, so many videos at a time, until SIGTERM or SIGINT.
 
@@ -52,9 +52,9 @@ def work(
         logging.getLogger(f"procrastinate.worker.{queue}").setLevel(logging.WARNING)
     app = open_app(settings, background=LocalBackground(videos), job_handlers=JOBS)
     try:
-        tasks = WorkerTasks(app, TaskQueue(app.database), pulse)
+        tasks = WorkerTasks(app, TaskQueue(app.database), heartbeat)
         with periodic_tasks.running(app, of_the_studio=False):
-            asyncio.run(_until_told(tasks, _Manner(videos, alive, pulse), ready))
+            asyncio.run(_until_told(tasks, _Manner(videos, alive, heartbeat), ready))
     finally:
         app.close()
 
@@ -65,7 +65,7 @@ class _Manner:
 
     videos: int
     alive: Path | None
-    pulse: HeartbeatConfig
+    heartbeat: HeartbeatConfig
 
 
 async def _until_told(tasks: WorkerTasks, manner: _Manner, ready: Callable[[], None]) -> None:
@@ -76,7 +76,7 @@ async def _until_told(tasks: WorkerTasks, manner: _Manner, ready: Callable[[], N
     while not told.is_set():
         try:
             async with tasks.app().open_async() as queue_app:
-                await asyncio.to_thread(tasks.ask_for_sweep)
+                await asyncio.to_thread(tasks.enqueue_retention)
                 if not is_ready:
                     ready()
                     is_ready = True
@@ -92,7 +92,7 @@ async def _take_tasks(
     queue_app: procrastinate.App, tasks: WorkerTasks, manner: _Manner, told: asyncio.Event
 ) -> None:
     """Take tasks until told to stop, or until the queue cannot be reached."""
-    pulse = manner.pulse
+    heartbeat = manner.heartbeat
     hands = [
         asyncio.create_task(
             queue_app.run_worker_async(
@@ -101,11 +101,11 @@ async def _take_tasks(
                 concurrency=manner.videos if queue == RENDER else 1,
                 fetch_job_polling_interval=_LOOK_S,
                 # Meanwhile it is not heard of: who finishes for longer is given up.
-                shutdown_graceful_timeout=pulse.gone_after_s / 2,
+                shutdown_graceful_timeout=heartbeat.gone_after_s / 2,
                 delete_jobs="successful",
                 install_signal_handlers=False,
-                update_heartbeat_interval=pulse.beat_s,
-                stalled_worker_timeout=pulse.gone_after_s,
+                update_heartbeat_interval=heartbeat.beat_s,
+                stalled_worker_timeout=heartbeat.gone_after_s,
             )
         )
         for queue in QUEUES
@@ -129,10 +129,10 @@ async def _take_tasks(
 
 async def _keep_watch(tasks: WorkerTasks, manner: _Manner) -> None:
     while True:
-        await asyncio.to_thread(tasks.take_back)
+        await asyncio.to_thread(tasks.requeue_stalled)
         if manner.alive is not None:
             manner.alive.touch()
-        await asyncio.sleep(manner.pulse.beat_s)
+        await asyncio.sleep(manner.heartbeat.beat_s)
 
 
 async def _wait(told: asyncio.Event, seconds: float) -> None:

@@ -7,7 +7,7 @@ from typing import Any
 from alembic import context
 from sqlalchemy import event, text
 
-from app.storage.advisory_lock import Alone
+from app.storage.advisory_lock import AdvisoryLock
 from app.storage.database import Database
 from app.storage.models import accounts, arrivals, consents, records, server_secrets, studies
 
@@ -34,7 +34,7 @@ def run() -> None:
                 # Several servers may start at once: the others wait, and find it done. The lock goes
                 # with the connection.
                 connection.execute(
-                    text("SELECT pg_advisory_lock(:what)"), {"what": Alone.MIGRATION}
+                    text("SELECT pg_advisory_lock(:what)"), {"what": AdvisoryLock.MIGRATION}
                 )
                 connection.commit()
             context.configure(

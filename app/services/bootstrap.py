@@ -76,7 +76,7 @@ def open_app(
         raise
     background = background or LocalBackground(settings.render_jobs)
     metrics = Metrics(own_queue=not settings.workers_apart)
-    background.tell_queue(metrics.renders)
+    background.observe_queue(metrics.renders)
     recordings = Recordings(database, background, settings)
     return AppContext(
         settings=settings,

@@ -52,7 +52,7 @@ class Kind(StrEnum):
 
 
 @dataclass(frozen=True)
-class Where:
+class FailureContext:
     """The study in which it failed, by the first of these that is known."""
 
     slug: str | None = None
@@ -61,7 +61,9 @@ class Where:
     session_id: int | None = None
 
     @classmethod
-    def of(cls, slug: str | None, token: str | None, recording: str | None) -> Where | None:
+    def of(
+        cls, slug: str | None, token: str | None, recording: str | None
+    ) -> FailureContext | None:
         """None where nothing tells the study. A token is not kept, not even for seconds."""
         if slug is not None:
             return cls(slug=slug)
@@ -73,7 +75,7 @@ class Where:
 @dataclass(frozen=True)
 class _Fault:
     kind: Kind
-    where: Where
+    where: FailureContext
     hour: datetime
 
 
@@ -89,13 +91,13 @@ class FailureCounter:
         self._last: dict[_Fault, datetime] = {}
         self._not_before = 0.0
 
-    def count(self, kind: Kind, where: Where) -> None:
+    def count(self, kind: Kind, where: FailureContext) -> None:
         """It failed just now. Raises nothing."""
         self.note(kind, where)
         if time.monotonic() >= self._not_before:
             self.write()
 
-    def note(self, kind: Kind, where: Where) -> None:
+    def note(self, kind: Kind, where: FailureContext) -> None:
         """The same in memory alone, for a caller that may not write; the next write takes it."""
         now = self._now()
         fault = _Fault(kind, where, now.replace(minute=0, second=0, microsecond=0))
@@ -172,7 +174,7 @@ def _changed(db: Session, statement: Update) -> bool:
     return result.rowcount > 0
 
 
-def _study_id(db: Session, where: Where) -> int | None:
+def _study_id(db: Session, where: FailureContext) -> int | None:
     """The study; None if there is none such, or not any more."""
     if where.slug is not None:
         return db.scalar(select(Study.id).where(Study.slug == where.slug))

@@ -41,7 +41,7 @@ LOST_AFTER = timedelta(seconds=2 * BEAT_S)
 _WRITE_EVERY_S = 1.0
 
 
-class JobInHandsError(Exception):
+class JobStillRunningError(Exception):
     """Somebody else was at the job just now."""
 
 
@@ -62,7 +62,7 @@ class JobInfo:
         return self.state in (DONE, FAILED)
 
 
-def ask(
+def enqueue(
     app: AppContext,
     caller: Principal,
     kind: str,
@@ -105,7 +105,7 @@ def ask(
     return info
 
 
-def look(app: AppContext, caller: Principal, public_id: str) -> JobInfo:
+def status(app: AppContext, caller: Principal, public_id: str) -> JobInfo:
     """How far the caller's job is. Raises NotFoundError."""
     with app.database.read() as db:
         job = db.scalar(
@@ -115,7 +115,7 @@ def look(app: AppContext, caller: Principal, public_id: str) -> JobInfo:
             raise NotFoundError("there is no such job")
         info = _info(job)
     if not info.is_over:
-        revive(app)
+        restart_stalled(app)
     return info
 
 
@@ -133,7 +133,7 @@ def newest(
     return None
 
 
-def revive(app: AppContext) -> None:
+def restart_stalled(app: AppContext) -> None:
     """Begin what waits, and what fell silent, again."""
     since = utc_now() - SILENT_AFTER
     with app.database.read() as db:
@@ -157,7 +157,7 @@ def run(settings: Settings, public_id: str, work: JobHandler) -> None:
     database = Database(settings.url)
     stop = threading.Event()
     try:
-        request = _claim(database, public_id)
+        request = _mark_running(database, public_id)
         if request is None:
             return
         beat = threading.Thread(target=_beat, args=(database, public_id, stop), daemon=True)
@@ -192,7 +192,7 @@ def _start(app: AppContext, info: JobInfo) -> None:
     )
 
 
-def take_up(database: Database, public_id: str, lost_after: timedelta = LOST_AFTER) -> str | None:
+def claim(database: Database, public_id: str, lost_after: timedelta = LOST_AFTER) -> str | None:
     """The kind of a job that a worker is to do now; None if it is over, or was deleted.
 
     For one that nobody else is told to do: whoever had it before has been given up. If it was at
@@ -204,12 +204,12 @@ def take_up(database: Database, public_id: str, lost_after: timedelta = LOST_AFT
             return None
         if job.state == RUNNING:
             if job.seen_at is not None and job.seen_at > utc_now() - lost_after:
-                raise JobInHandsError(f"the job {public_id} is in somebody's hands")
+                raise JobStillRunningError(f"the job {public_id} is in somebody's hands")
             job.state = WAITING
         return job.kind
 
 
-def give_back(database: Database, public_id: str) -> None:
+def release(database: Database, public_id: str) -> None:
     """Let a job wait again, whose process was stopped."""
     with database.write() as db:
         db.execute(
@@ -234,7 +234,7 @@ def process_died(database: Database, public_id: str, code: int) -> None:
     fail(database, public_id, f"its process ended before its time (status {code})")
 
 
-def _claim(database: Database, public_id: str) -> Mapping[str, Any] | None:
+def _mark_running(database: Database, public_id: str) -> Mapping[str, Any] | None:
     now = utc_now()
     is_free = or_(
         Job.state == WAITING,

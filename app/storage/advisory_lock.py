@@ -13,7 +13,7 @@ from sqlalchemy.orm import Session
 from .database import Database
 
 
-class Alone(IntEnum):
+class AdvisoryLock(IntEnum):
     """What is done alone: any numbers that nobody else uses as PostgreSQL's advisory locks."""
 
     MIGRATION = 7_262_030_001
@@ -21,7 +21,7 @@ class Alone(IntEnum):
 
 
 @contextmanager
-def alone(database: Database, what: Alone) -> Iterator[bool]:
+def try_advisory_lock(database: Database, what: AdvisoryLock) -> Iterator[bool]:
     """Yields whether nobody else is at it; until the block ends, nobody else will be.
 
     SQLite has one server alone, which has nobody to agree with: always True.
@@ -47,7 +47,7 @@ def alone(database: Database, what: Alone) -> Iterator[bool]:
 _TURNS = 7262
 
 
-def take_turn(db: Session, key: str) -> None:
+def advisory_xact_lock(db: Session, key: str) -> None:
     """Wait until no other transaction is at what `key` names; none will be until this one ends.
 
     On SQLite whoever writes is alone anyway.

@@ -31,7 +31,7 @@ POSTGRESQL_CONNECTIONS = 20
 
 #: When a PostgreSQL server is given up whose machine or network is gone, in libpq's terms; the
 #: system would wait for a quarter of an hour. What the URL says of them goes first.
-_GIVEN_UP = {
+_KEEPALIVE = {
     "connect_timeout": 10,
     "keepalives_idle": 10,
     "keepalives_interval": 5,
@@ -127,11 +127,11 @@ def _engine(url: str) -> Engine:
             max_overflow=POSTGRESQL_CONNECTIONS // 2,
             # One that the server cut meanwhile is replaced, and nobody notices.
             pool_pre_ping=True,
-            connect_args=given_up(url),
+            connect_args=keepalive_options(url),
             hide_parameters=True,
         )
         event.listen(engine, "handle_error", _not_storable)
-        event.listen(engine, "handle_error", integrity_errors.leave_out_the_row)
+        event.listen(engine, "handle_error", integrity_errors.redact_parameters)
         return engine
     # One connection per thread of the server's pool: a waiting reader never starves a response.
     engine = create_engine(url, pool_size=16, max_overflow=32, hide_parameters=True)
@@ -141,10 +141,10 @@ def _engine(url: str) -> Engine:
     return engine
 
 
-def given_up(url: str) -> dict[str, int]:
+def keepalive_options(url: str) -> dict[str, int]:
     """With which a connection to PostgreSQL is told when its server is gone."""
     own = make_url(url).query
-    return {name: value for name, value in _GIVEN_UP.items() if name not in own}
+    return {name: value for name, value in _KEEPALIVE.items() if name not in own}
 
 
 def _configure_sqlite(connection: Any, _record: Any) -> None:

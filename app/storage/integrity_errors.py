@@ -18,14 +18,14 @@ _OF_TWO_AT_ONCE = frozenset(
 )
 
 
-def is_clash(error: Exception) -> bool:
+def is_conflict(error: Exception) -> bool:
     """Whether it is the refusal of somebody who came second. Any other refusal is a fault."""
     refused = error.orig if isinstance(error, IntegrityError) else None
     codes = (getattr(refused, name, None) for name in ("sqlstate", "sqlite_errorname"))
     return any(code in _OF_TWO_AT_ONCE for code in codes)
 
 
-def leave_out_the_row(context: ExceptionContext) -> None:
+def redact_parameters(context: ExceptionContext) -> None:
     """For the engine's `handle_error`: PostgreSQL repeats the row, and errors end in logs."""
     refused, told = context.original_exception, context.sqlalchemy_exception
     rule = getattr(getattr(refused, "diag", None), "message_primary", None)

@@ -24,7 +24,7 @@ from sqlalchemy import (
 from sqlalchemy.dialects.postgresql import JSONB
 from sqlalchemy.orm import Session
 
-from .advisory_lock import Alone
+from .advisory_lock import AdvisoryLock
 from .database import Database
 from .dump_restore import QUEUE_SCHEMA
 
@@ -70,7 +70,7 @@ def writing(database: Database) -> Iterator[Session]:
 def prepare(database: Database) -> None:
     """Make the queue where it is missing, or of another version; others wait, and find it done."""
     with database.write() as db:
-        db.execute(text("SELECT pg_advisory_xact_lock(:what)"), {"what": Alone.MIGRATION})
+        db.execute(text("SELECT pg_advisory_xact_lock(:what)"), {"what": AdvisoryLock.MIGRATION})
         there = db.scalar(
             text("SELECT obj_description(to_regnamespace(:name), 'pg_namespace')"),
             {"name": QUEUE_SCHEMA},

@@ -12,7 +12,7 @@ from .procrastinate_tables import FAILED, FAULT, LOST, RUNNING, TASKS, WAITING, 
 
 
 @dataclass(frozen=True)
-class Lost:
+class StalledTask:
     """A task that was lost for so many times, and is not tried again if it `is_over`."""
 
     name: str
@@ -25,7 +25,7 @@ class Lost:
         return f"it was given up after {self.times} workers were lost at it"
 
 
-def take_back(db: Session, silent_s: float, most: int) -> list[Lost]:
+def requeue_stalled(db: Session, silent_s: float, most: int) -> list[StalledTask]:
     """Let those tasks wait again whose worker was not heard of for so long, in seconds.
 
     Each loss counts once, however many workers look; a task that was lost `most` times has failed.
@@ -46,12 +46,12 @@ def take_back(db: Session, silent_s: float, most: int) -> list[Lost]:
         .with_for_update(of=TASKS, skip_locked=True)
     ).all()
     return [
-        _take_back(db, task_id, Lost(name, argument or "", times, times >= most or twin))
+        _requeue(db, task_id, StalledTask(name, argument or "", times, times >= most or twin))
         for task_id, name, argument, times, twin in found
     ]
 
 
-def _take_back(db: Session, task_id: int, lost: Lost) -> Lost:
+def _requeue(db: Session, task_id: int, lost: StalledTask) -> StalledTask:
     noted: dict[str, object] = {LOST: lost.times}
     if lost.is_over:
         noted[FAULT] = lost.fault

@@ -12,10 +12,10 @@ from sqlalchemy import String, cast, func, select, update
 from sqlalchemy.engine import make_url
 from sqlalchemy.orm import Session
 
-from .database import Database, given_up
+from .database import Database, keepalive_options
 from .dump_restore import QUEUE_SCHEMA
 from .procrastinate_tables import FAULT, RUNNING, TASKS, WAITING, WORKERS, is_in, writing
-from .stalled_tasks import Lost, take_back
+from .stalled_tasks import StalledTask, requeue_stalled
 
 #: What workers do, each kind in a queue of its own: nothing short waits behind what is long.
 RENDER, JOB, RETENTION = "render", "job", "retention"
@@ -51,11 +51,11 @@ class State:
     fault: str | None
 
 
-def connector_of(url: str) -> procrastinate.PsycopgConnector:
+def procrastinate_connector(url: str) -> procrastinate.PsycopgConnector:
     """Procrastinate's connections to the database, which see its own schema alone."""
     return procrastinate.PsycopgConnector(
         conninfo=make_url(url).set(drivername="postgresql").render_as_string(hide_password=False),
-        kwargs={"options": f"-c search_path={QUEUE_SCHEMA}", **given_up(url)},
+        kwargs={"options": f"-c search_path={QUEUE_SCHEMA}", **keepalive_options(url)},
         min_size=1,
         max_size=4,
     )
@@ -67,9 +67,9 @@ class TaskQueue:
     def __init__(self, database: Database) -> None:
         self._database = database
         # Never opened: what is asked for is written by our own connections.
-        self._app = procrastinate.App(connector=connector_of(database.url))
+        self._app = procrastinate.App(connector=procrastinate_connector(database.url))
 
-    def ask(self, task: Task) -> int:
+    def enqueue(self, task: Task) -> int:
         """The id of the task, which is asked for unless it waits or runs already.
 
         One that waits for less is moved up.
@@ -109,10 +109,10 @@ class TaskQueue:
                 .values(args=TASKS.c.args.concat(func.jsonb_build_object(FAULT, fault)))
             )
 
-    def take_back(self, silent_s: float, most: int) -> list[Lost]:
+    def requeue_stalled(self, silent_s: float, most: int) -> list[StalledTask]:
         """Let tasks of lost workers wait again: see `lost_tasks`."""
         with writing(self._database) as session:
-            return take_back(session, silent_s, most)
+            return requeue_stalled(session, silent_s, most)
 
     def count(self, name: str) -> tuple[int, int]:
         """How many tasks of this name wait, and how many run."""

@@ -236,7 +236,7 @@ def test_bundles_of_studies_that_are_gone_and_what_was_laid_ready_in_vain_are_re
     folder = bundle_job.folder(app.settings)
     study_id = repository.find(app, "short").id
     (folder / f"{study_id + 1}.zip").write_bytes(b"of a study that is gone")
-    laid = bundle_job.lay_ready(app.settings, {"plan.json": b"{}"}, 1)
+    laid = bundle_job.stage_files(app.settings, {"plan.json": b"{}"}, 1)
     assert bundle.sweep(app) == 1
     long_ago = (clock.now() - timedelta(days=8)).timestamp()
     os.utime(folder / laid, (long_ago, long_ago))

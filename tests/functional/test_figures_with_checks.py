@@ -8,7 +8,7 @@ import pytest
 from app.services.context import AppContext
 from app.services.export.table import Request
 from app.services.results import registry, trial_learning
-from app.services.results.result import Found
+from app.services.results.result import Result
 from app.services.studies import repository
 from tests.conftest import Clock, StudyShelf
 
@@ -30,7 +30,7 @@ def walk(client: Api, clock: Clock) -> None:
         client.start().to_the_end(by_turns("left", "right", "skip", "left"), clock.forward)
 
 
-def found(app: AppContext, name: str) -> Found:
+def found(app: AppContext, name: str) -> Result:
     return registry.find(app, Request(repository.find(app, "short")), name)
 
 

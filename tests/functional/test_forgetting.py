@@ -63,12 +63,12 @@ def test_what_was_deleted_elsewhere_is_forgotten_and_nothing_else(
     another = client.start().to_first_query()
     another.respond("right")
     before = histories(app)
-    assert evict_deleted_trials.forget_deleted(app) == 0
+    assert evict_deleted_trials.evict_deleted(app) == 0
     assert histories(app) == before
 
     delete_elsewhere(elsewhere, person)
     assert seed in app.proposer.cached_seeds()
-    assert evict_deleted_trials.forget_deleted(app) == 1
+    assert evict_deleted_trials.evict_deleted(app) == 1
     assert histories(app) == {one: steps for one, steps in before.items() if one != seed}
     assert seed not in app.proposer.cached_seeds()
     assert another.respond("left").status_code == 200
@@ -79,10 +79,10 @@ def test_what_was_under_way_meanwhile_is_forgotten_the_next_time(
 ) -> None:
     (seed,) = app.proposer.cached_seeds()
     delete_elsewhere(elsewhere, person)
-    evict_deleted_trials.forget_deleted(app)
+    evict_deleted_trials.evict_deleted(app)
     trial = TrialSpec(learning_study.id, "env1", "pbpo", {"preset": "paper-env1"}, seed, 5)
     app.proposer.step(trial, ((0, 1, "left"),))
-    assert evict_deleted_trials.forget_deleted(app) == 1
+    assert evict_deleted_trials.evict_deleted(app) == 1
     assert app.proposer.cached_seeds() == frozenset()
 
 
@@ -92,7 +92,7 @@ def test_a_trial_that_is_just_beginning_loses_nothing_for_good(
     session = client.start()
     session.consent()
     # The first pair is worked out, and its trial not stored yet.
-    assert evict_deleted_trials.forget_deleted(app) == 1
+    assert evict_deleted_trials.evict_deleted(app) == 1
     session.to_first_query().respond("left")
     assert any(map(any, histories(app).values()))
 

@@ -81,7 +81,7 @@ def desk(client: Api, app: AppContext) -> Desk:
 
 
 def test_a_job_is_done_and_says_what_came_of_it(desk: Desk, app: AppContext, client: Api) -> None:
-    asked = jobs.ask(app, desk.account, "good", {"what": "this"})
+    asked = jobs.enqueue(app, desk.account, "good", {"what": "this"})
     told = desk.get(f"/jobs/{asked.public_id}").json()
     assert told == {"state": "done", "done": 4, "total": 4, "message": "did this", "is_over": True}
     other = Desk(client, app, "ada@lab.example", Role.ADMIN)
@@ -89,14 +89,14 @@ def test_a_job_is_done_and_says_what_came_of_it(desk: Desk, app: AppContext, cli
 
 
 def test_a_job_that_fails_says_why(desk: Desk, app: AppContext) -> None:
-    asked = jobs.ask(app, desk.account, "bad", {})
-    told = jobs.look(app, desk.account, asked.public_id)
+    asked = jobs.enqueue(app, desk.account, "bad", {})
+    told = jobs.status(app, desk.account, asked.public_id)
     assert (told.state, told.message) == ("failed", "there was nothing to do")
 
 
 def test_work_that_there_is_none_of_is_refused(desk: Desk, app: AppContext) -> None:
     with pytest.raises(ServiceError, match="expected work among"):
-        jobs.ask(app, desk.account, "nothing", {})
+        jobs.enqueue(app, desk.account, "nothing", {})
 
 
 class TestStopped:
@@ -106,14 +106,14 @@ class TestStopped:
 
     def test_the_same_asked_twice_is_one_job(self, desk: Desk, app: AppContext) -> None:
         first, again, other = (
-            jobs.ask(app, desk.account, "good", {"what": what}) for what in ("a", "a", "b")
+            jobs.enqueue(app, desk.account, "good", {"what": what}) for what in ("a", "a", "b")
         )
         assert first.public_id == again.public_id != other.public_id
 
     def test_a_job_that_fell_silent_is_begun_again_and_one_in_hand_is_not(
         self, desk: Desk, app: AppContext
     ) -> None:
-        asked = jobs.ask(app, desk.account, "good", {"what": "this"})
+        asked = jobs.enqueue(app, desk.account, "good", {"what": "this"})
 
         def seen(ago: timedelta) -> None:
             with app.database.write() as db:
@@ -121,10 +121,10 @@ class TestStopped:
 
         seen(timedelta(seconds=1))
         jobs.run(app.settings, asked.public_id, good)
-        assert jobs.look(app, desk.account, asked.public_id).state == "running"
+        assert jobs.status(app, desk.account, asked.public_id).state == "running"
         seen(jobs.SILENT_AFTER + timedelta(seconds=1))
         jobs.run(app.settings, asked.public_id, good)
-        assert jobs.look(app, desk.account, asked.public_id).state == "done"
+        assert jobs.status(app, desk.account, asked.public_id).state == "done"
 
 
 class TestInAProcess:

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from app.services.context import AppContext
-from app.services.monitoring.incidents import troubles
+from app.services.monitoring.incidents import incidents
 from app.services.sessions import event_limits, responses
 from app.services.studies import repository
 from app.services.studies.repository import StudyInfo
@@ -36,7 +36,7 @@ def left_out(client: Api, api_token: str) -> list[int]:
 
 def told(app: AppContext) -> list[str]:
     study = repository.find(app, "short")
-    return [one.said for one in troubles(app, study) if one.name == "events"]
+    return [one.said for one in incidents(app, study) if one.name == "events"]
 
 
 @pytest.mark.parametrize("number", [61, 1_001, 5_000])

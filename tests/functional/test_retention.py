@@ -15,7 +15,7 @@ from app.services.context import AppContext
 from app.services.maintenance import periodic_tasks, retention
 from app.services.maintenance.retention import CleanupResult
 from app.services.monitoring import session_list
-from app.services.monitoring.incidents import troubles
+from app.services.monitoring.incidents import incidents
 from app.services.studies.repository import StudyInfo
 from app.storage.models.arrivals import Tombstone
 from app.storage.models.studies import Identity, PlanVersion, SessionRow, Study
@@ -156,7 +156,7 @@ def test_one_study_whose_plan_cannot_be_read_keeps_no_others_people(
 
 def told(app: AppContext, study: StudyInfo, study_id: int) -> list[str]:
     """What the overview of the study of this id says went wrong."""
-    return [trouble.said for trouble in troubles(app, replace(study, id=study_id))]
+    return [trouble.said for trouble in incidents(app, replace(study, id=study_id))]
 
 
 def test_without_a_rule_nothing_is_deleted(

@@ -88,7 +88,7 @@ def test_on_a_full_disk_nothing_large_is_begun_and_the_page_says_why(
     for ask in (
         lambda: drafts.begin(app, desk.account, "Another"),
         lambda: repository.create(app, folder),
-        lambda: jobs.ask(app, desk.account, transcode_job.KIND, {"draft": draft.public_id}),
+        lambda: jobs.enqueue(app, desk.account, transcode_job.KIND, {"draft": draft.public_id}),
         lambda: backups.backup(app.settings, tmp_path / "backup.zip", clock.now()),
     ):
         with pytest.raises(NoRoomError):

@@ -12,7 +12,7 @@ from sqlalchemy import text
 
 from app.crane import library
 from app.main import create_app
-from app.services.background.remote import FailedApartError
+from app.services.background.remote import WorkerFailedError
 from app.services.bootstrap import open_app
 from app.services.context import AppContext
 from app.services.maintenance import worker_tasks
@@ -119,4 +119,4 @@ def test_what_a_worker_cannot_do_at_all_is_no_store_that_is_away(
     unknown = app.background.in_process((RENDER, "env1/999/0"), print)
     until(lambda: queue.count(RENDER) == (1, 0), "it was asked for")
     asyncio.run(do_what_waits(tasks))
-    assert isinstance(unknown.exception(PATIENCE_S), FailedApartError)
+    assert isinstance(unknown.exception(PATIENCE_S), WorkerFailedError)

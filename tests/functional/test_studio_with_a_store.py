@@ -29,7 +29,7 @@ from app.services.recordings.recordings import (
 )
 from app.services.recordings.stores import s3, s3_client
 from app.services.recordings.stores.factory import open_stores
-from app.services.recordings.stores.interface import Link
+from app.services.recordings.stores.interface import SignedUrl
 from app.services.runtime.errors import ConflictError, StoreAwayError
 from app.services.runtime.settings import Settings
 from app.services.studies import folder_export, lifecycle, repository
@@ -97,7 +97,7 @@ def test_what_is_deleted_goes_from_the_store_and_nothing_beside_it(
     lifecycle.delete(app, "kettles", typed="kettles")
     assert sorted(store.names()) == sorted(beside)
     with pytest.raises(ValueError, match="expected the name of a file"):
-        app.recordings.throw_away(["../../uploads/" + name])
+        app.recordings.delete(["../../uploads/" + name])
 
 
 def test_a_store_that_refuses_is_said_without_its_keys(
@@ -236,7 +236,7 @@ def test_a_video_that_another_process_has_thrown_away_is_kept_anew(
     videos = {f"{'a' * 64}.mp4": folder / "videos" / "a.mp4"}
     app.recordings.keep_files(videos)
     elsewhere = Recordings(app.database, app.background, app.settings)
-    elsewhere.throw_away(videos)
+    elsewhere.delete(videos)
     elsewhere.close()
     assert store.names() == []
     app.recordings.keep_files(videos)
@@ -268,8 +268,8 @@ def test_links_lead_to_the_site_that_pages_may_load_from(
     monkeypatch.setenv("AWS_DEFAULT_REGION", "eu-central-1")
     stores = open_stores(settings.model_copy(update=changes))
     assert stores.own.origin == stores.rendered.origin == site
-    place = stores.own.hand_out("a.webm", head=False)
-    assert isinstance(place, Link)
+    place = stores.own.serve("a.webm", head=False)
+    assert isinstance(place, SignedUrl)
     assert place.url.startswith(f"{site}/")
     assert "video/webm" in unquote(place.url)
     stores.own.close()

@@ -40,7 +40,7 @@ def test_several_servers_make_one_queue_and_another_versions_is_made_anew(
     with ThreadPoolExecutor(4) as pool:
         list(pool.map(lambda _: procrastinate_tables.prepare(database), range(4)))
     queue = TaskQueue(database)
-    queue.ask(Task(RENDER, "env1/0/0"))
+    queue.enqueue(Task(RENDER, "env1/0/0"))
     procrastinate_tables.prepare(database)
     assert queue.count(RENDER) == (1, 0)
     with database.write() as db:
@@ -52,8 +52,8 @@ def test_several_servers_make_one_queue_and_another_versions_is_made_anew(
 
 def test_what_waits_is_asked_for_once_and_moved_up_for_who_waits(queue: TaskQueue) -> None:
     for name in ("a", "b"):
-        queue.ask(Task(RENDER, name, priority=0))
-    urgent = [queue.ask(Task(RENDER, "b", priority=priority)) for priority in (10, 0)]
+        queue.enqueue(Task(RENDER, name, priority=0))
+    urgent = [queue.enqueue(Task(RENDER, "b", priority=priority)) for priority in (10, 0)]
     assert queue.count(RENDER) == (2, 0)
     assert len(set(urgent)) == 1
     with queue._database.read() as db:
@@ -68,7 +68,7 @@ def test_what_waits_is_asked_for_once_and_moved_up_for_who_waits(queue: TaskQueu
 
 def test_asked_for_by_many_at_once_it_waits_once(queue: TaskQueue) -> None:
     with ThreadPoolExecutor(8) as pool:
-        ids = set(pool.map(queue.ask, [Task(RENDER, "a")] * 24))
+        ids = set(pool.map(queue.enqueue, [Task(RENDER, "a")] * 24))
     assert len(ids) == 1
 
 
@@ -87,11 +87,11 @@ class TestLost:
     def test_each_loss_counts_once_whoever_looks_and_the_third_is_the_last(
         self, queue: TaskQueue, lose: Callable[[], None]
     ) -> None:
-        asked = queue.ask(Task(RENDER, "a"))
+        asked = queue.enqueue(Task(RENDER, "a"))
         for number in (1, 2, 3):
             lose()
             with ThreadPoolExecutor(4) as pool:
-                found = list(pool.map(lambda _: queue.take_back(8, 3), range(4)))
+                found = list(pool.map(lambda _: queue.requeue_stalled(8, 3), range(4)))
             (lost,) = [one for each in found for one in each]
             assert (lost.name, lost.argument, lost.times) == (RENDER, "a", number)
             assert lost.is_over == (number == 3)
@@ -99,24 +99,24 @@ class TestLost:
         assert state.status == "failed"
         assert state.fault == "it was given up after 3 workers were lost at it"
         # Asked for again, it is tried again.
-        assert queue.ask(Task(RENDER, "a")) != asked
+        assert queue.enqueue(Task(RENDER, "a")) != asked
 
     def test_what_was_taken_back_is_moved_up_as_well(
         self, queue: TaskQueue, app: AppContext, lose: Callable[[], None]
     ) -> None:
-        asked = queue.ask(Task(RENDER, "a"))
+        asked = queue.enqueue(Task(RENDER, "a"))
         lose()
-        queue.take_back(8, 3)
+        queue.requeue_stalled(8, 3)
         with app.database.write() as db:
             # As a worker does that gives it back.
             db.execute(text("SET LOCAL search_path TO procrastinate"))
             db.execute(text("UPDATE procrastinate_jobs SET scheduled_at = now()"))
-        assert queue.ask(Task(RENDER, "a", priority=10)) == asked
+        assert queue.enqueue(Task(RENDER, "a", priority=10)) == asked
 
     def test_one_that_is_waited_for_again_already_is_not_waited_for_twice(
         self, queue: TaskQueue, lose: Callable[[], None], app: AppContext
     ) -> None:
-        lost = queue.ask(Task(RETENTION, ""))
+        lost = queue.enqueue(Task(RETENTION, ""))
         lose()
         with app.database.write() as db:
             # As each full hour does.
@@ -127,7 +127,7 @@ class TestLost:
                     "('retention', 'retention:', 'retention:', 'retention', 0, '', 1, '{}')"
                 )
             )
-        queue.take_back(8, 3)
+        queue.requeue_stalled(8, 3)
         assert queue.states([lost])[lost].status == "failed"
         assert queue.count(RETENTION) == (1, 0)
 
@@ -144,8 +144,8 @@ class TestLost:
         tasks = WorkerTasks(app, queue, HeartbeatConfig())
         for _ in range(MOST_LOSSES):
             lose()
-            tasks.take_back()
-        told = jobs.look(app, somebody, asked.public_id)
+            tasks.requeue_stalled()
+        told = jobs.status(app, somebody, asked.public_id)
         assert told.state == jobs.FAILED
         assert told.message == "it was given up after 3 workers were lost at it"
         tasks.stop()

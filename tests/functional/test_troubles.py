@@ -16,9 +16,9 @@ from sqlalchemy.exc import OperationalError
 from app.services.accounts.accounts import Role
 from app.services.background.interface import Queue
 from app.services.context import AppContext
-from app.services.failure_counter import FailureCounter, Kind, Where
-from app.services.monitoring.change_token import stamp
-from app.services.monitoring.incidents import troubles
+from app.services.failure_counter import FailureContext, FailureCounter, Kind
+from app.services.monitoring.change_token import change_token
+from app.services.monitoring.incidents import incidents
 from app.services.recordings.recordings import Recordings
 from app.services.sessions import stages
 from app.services.studies.repository import StudyInfo
@@ -31,7 +31,7 @@ from .client import Api
 from .desk import Desk
 
 DAY = 24 * 3600.0
-SHORT = Where(slug="short")
+SHORT = FailureContext(slug="short")
 
 
 @pytest.fixture
@@ -226,18 +226,18 @@ def test_counts_are_one_row_an_hour_and_are_gone_after_a_month(
         ).all()
     assert [number for number, _ in found] == [2, 1]
     assert found[0].last_at == clock.now() - timedelta(hours=1)
-    (trouble,) = troubles(app, short_study)
+    (trouble,) = incidents(app, short_study)
     assert trouble.said.startswith("3 requests")
     clock.forward(7 * DAY)
-    assert troubles(app, short_study) == []
+    assert incidents(app, short_study) == []
     clock.forward(23 * DAY)
     assert app.failures.delete_old() == 2
 
 
 def test_an_open_page_learns_of_a_fault(app: AppContext, short_study: StudyInfo) -> None:
-    before = stamp(app, short_study.id, ["live"], 30)
+    before = change_token(app, short_study.id, ["live"], 30)
     app.failures.count(Kind.PAGE, SHORT)
-    assert stamp(app, short_study.id, ["live"], 30) != before
+    assert change_token(app, short_study.id, ["live"], 30) != before
 
 
 def test_a_flood_is_written_once_and_what_belongs_to_no_study_not_at_all(
@@ -248,8 +248,8 @@ def test_a_flood_is_written_once_and_what_belongs_to_no_study_not_at_all(
         counts.count(Kind.CALL, SHORT)
     with app.database.read() as db:
         assert db.scalar(select(func.sum(FaultCount.number))) == 1
-    counts.count(Kind.CALL, Where(slug="gone"))
-    counts.count(Kind.VIDEO, Where(recording="gone"))
+    counts.count(Kind.CALL, FailureContext(slug="gone"))
+    counts.count(Kind.VIDEO, FailureContext(recording="gone"))
     counts.write()
     with app.database.read() as db:
         assert db.scalar(select(func.sum(FaultCount.number))) == 50

@@ -87,7 +87,7 @@ def test_a_file_that_goes_is_said_to_be_away_and_then_to_be_missing(
     moment: str,
 ) -> None:
     assert client.get(url, headers=asked).status_code == (206 if asked else 200)
-    hand_out, open_file = app.recordings.hand_out, anyio.open_file
+    serve, open_file = app.recordings.serve, anyio.open_file
 
     def gone(path: Any) -> Any:
         Path(path).unlink()
@@ -95,7 +95,7 @@ def test_a_file_that_goes_is_said_to_be_away_and_then_to_be_missing(
 
     with monkeypatch.context() as patch:
         if moment == "before it is looked at":
-            patch.setattr(app.recordings, "hand_out", lambda *a, **k: gone(hand_out(*a, **k)))
+            patch.setattr(app.recordings, "serve", lambda *a, **k: gone(serve(*a, **k)))
         else:
             patch.setattr(anyio, "open_file", lambda path, **k: open_file(gone(path), **k))
         assert "ask for it again" in refused(client.get(url, headers=asked))
@@ -147,12 +147,12 @@ def test_what_cannot_be_read_is_said_to_be_away_and_what_is_gone_is_not_there(
     names = ["a.mp4", "b.mp4", "folder.mp4", "loop.mp4", "a.mp4/within.mp4"]
     assert store.sizes(names) == {"a.mp4": 2}
     assert [store.exists_cached(name) for name in names] == [True, False, False, False, False]
-    assert not store.bring("b.mp4", tmp_path / "copy.mp4")
+    assert not store.copy_to("b.mp4", tmp_path / "copy.mp4")
     with pytest.raises(StoreAwayError, match="cannot be read: File name too long"):
         store.sizes(["a" * 300])
     assert store.exists_cached("a" * 300) is None
     with pytest.raises(StoreAwayError, match="could not be deleted"):
-        store.throw_away(["a.mp4", "folder.mp4"])
+        store.delete(["a.mp4", "folder.mp4"])
     assert not store.exists_cached("a.mp4")
 
 

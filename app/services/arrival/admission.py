@@ -13,7 +13,7 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from app.services.context import AppContext
-from app.services.failure_counter import Kind, Where
+from app.services.failure_counter import FailureContext, Kind
 from app.services.runtime.errors import (
     ForbiddenError,
     SignedLinkError,
@@ -218,7 +218,7 @@ def start(
         db.flush()
         state = session_state.describe(app, db, session)
     if given.unfilled and mode == LIVE:
-        app.failures.note(Kind.UNFILLED, Where(slug=slug))
+        app.failures.note(Kind.UNFILLED, FailureContext(slug=slug))
     return token, state
 
 

@@ -11,7 +11,7 @@ from sqlalchemy import func, select, update
 from sqlalchemy.engine import CursorResult
 
 from app.services.context import AppContext
-from app.storage.advisory_lock import take_turn
+from app.storage.advisory_lock import advisory_xact_lock
 from app.storage.models.consents import DeclinedCount
 from app.storage.models.studies import Study
 
@@ -24,7 +24,7 @@ def count(app: AppContext, slug: str) -> None:
         if study_id is None:
             return
         # Of two who decline first on a day, the second finds the row of the first.
-        take_turn(db, f"declined {study_id}")
+        advisory_xact_lock(db, f"declined {study_id}")
         counted = db.execute(
             update(DeclinedCount)
             .where(DeclinedCount.study_id == study_id, DeclinedCount.day == day)

@@ -52,7 +52,7 @@ class Background(Protocol):
         of a process that ended otherwise than by returning.
         """
 
-    def tell_queue(self, tell: Callable[[int, int], None]) -> None:
+    def observe_queue(self, tell: Callable[[int, int], None]) -> None:
         """Call `tell` with how much waits and how much runs in processes, whenever that changes."""
 
     def queue(self) -> Queue | None:

@@ -10,7 +10,7 @@ from functools import partial
 from multiprocessing.context import SpawnProcess
 from typing import Any
 
-from app.services.runtime.child_process import log_fault, work_for_parent
+from app.services.runtime.child_process import log_failure, set_up_child_process
 
 
 class JobProcesses:
@@ -41,7 +41,7 @@ class JobProcesses:
             future = self._under_way[key] = self._thread.submit(
                 self._run, key, function, args, died
             )
-        future.add_done_callback(partial(log_fault, key))
+        future.add_done_callback(partial(log_failure, key))
         return future
 
     def close(self) -> None:
@@ -81,5 +81,5 @@ class JobProcesses:
 
 
 def _as_worker(function: Callable[..., None], args: tuple[Any, ...]) -> None:
-    work_for_parent()
+    set_up_child_process()
     function(*args)

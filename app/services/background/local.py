@@ -11,7 +11,7 @@ from concurrent.futures.process import BrokenProcessPool
 from functools import partial
 from typing import Any, TypeVar
 
-from app.services.runtime.child_process import log_fault, work_for_parent
+from app.services.runtime.child_process import log_failure, set_up_child_process
 
 from .interface import Background
 from .job_process import JobProcesses
@@ -51,7 +51,7 @@ class LocalBackground(Background):
     ) -> None:
         self._jobs.submit(key, function, args, died)
 
-    def tell_queue(self, tell: Callable[[int, int], None]) -> None:
+    def observe_queue(self, tell: Callable[[int, int], None]) -> None:
         self._processes.tell = tell
 
     def queue(self) -> None:
@@ -65,7 +65,7 @@ class LocalBackground(Background):
     def _done(self, key: Hashable, finished: Future[Any]) -> None:
         with self._lock:
             self._under_way.pop(key, None)
-        log_fault(key, finished)
+        log_failure(key, finished)
 
 
 class _Processes:
@@ -125,7 +125,7 @@ class _Processes:
                 self._number,
                 # A fork would copy the server's locks in whatever state they are.
                 mp_context=multiprocessing.get_context("spawn"),
-                initializer=work_for_parent,
+                initializer=set_up_child_process,
             )
         return self._pool
 
@@ -138,5 +138,5 @@ class _Processes:
             future.set_exception(error)
         else:
             future.set_result(inner.result())
-        log_fault(key, inner)
+        log_failure(key, inner)
         self._start_waiting()

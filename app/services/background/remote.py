@@ -26,10 +26,10 @@ T = TypeVar("T")
 URGENT, LATER = 10, 0
 
 #: How often those who wait are told how far it is, in seconds: less than anybody notices.
-_LOOK_S = 0.1
+_POLL_S = 0.1
 
 
-class FailedApartError(Exception):
+class WorkerFailedError(Exception):
     """A worker could not do what it was asked for; the message is that of its error."""
 
 
@@ -42,7 +42,7 @@ class RemoteBackground(Background):
 
     def __init__(self, queue: TaskQueue) -> None:
         self._queue = queue
-        self._here = LocalBackground(1)
+        self._local = LocalBackground(1)
         self._changed = threading.Condition()
         self._asked: list[Task] = []
         #: Whoever waits for a task, by its key; and the tasks by their ids in the queue.
@@ -52,7 +52,7 @@ class RemoteBackground(Background):
         self._closed = False
 
     def in_thread(self, key: Hashable, function: Callable[..., T], *args: Any) -> Future[T]:
-        return self._here.in_thread(key, function, *args)
+        return self._local.in_thread(key, function, *args)
 
     def in_process(
         self, key: Hashable, function: Callable[..., T], *args: Any, urgent: bool = False
@@ -72,7 +72,7 @@ class RemoteBackground(Background):
                 future.set_running_or_notify_cancel()
             elif not urgent:
                 return future
-            self._ask(task)
+            self._submit(task)
         return future
 
     def as_job(
@@ -83,9 +83,9 @@ class RemoteBackground(Background):
         died: Callable[[int], None],
     ) -> None:
         with self._changed:
-            self._ask(Task(JOB, str(key)))
+            self._submit(Task(JOB, str(key)))
 
-    def tell_queue(self, tell: Callable[[int, int], None]) -> None:
+    def observe_queue(self, tell: Callable[[int, int], None]) -> None:
         """Nothing is told: each server would tell of the one queue of all, as if it had its own."""
 
     def queue(self) -> Queue:
@@ -100,9 +100,9 @@ class RemoteBackground(Background):
             self._thread.join()
         for key in list(self._waiting):
             self._end(key, CancelledError())
-        self._here.close()
+        self._local.close()
 
-    def _ask(self, task: Task) -> None:
+    def _submit(self, task: Task) -> None:
         self._asked.append(task)
         if self._thread is None:
             self._thread = threading.Thread(target=self._follow, name="workers-asked", daemon=True)
@@ -113,17 +113,17 @@ class RemoteBackground(Background):
         while True:
             with self._changed:
                 if not self._asked:
-                    self._changed.wait(_LOOK_S if self._followed else None)
+                    self._changed.wait(_POLL_S if self._followed else None)
                 if self._closed and not self._asked:
                     return
                 asked, self._asked = self._asked, []
             for task in asked:
-                self._pass_on(task)
-            self._look()
+                self._enqueue(task)
+            self._poll()
 
-    def _pass_on(self, task: Task) -> None:
+    def _enqueue(self, task: Task) -> None:
         try:
-            task_id = self._queue.ask(task)
+            task_id = self._queue.enqueue(task)
         except Exception as error:
             log.exception("workers could not be asked for %s", task.key)
             self._end(task.key, error)
@@ -131,7 +131,7 @@ class RemoteBackground(Background):
             if task.name == RENDER:
                 self._followed[task_id] = task.key
 
-    def _look(self) -> None:
+    def _poll(self) -> None:
         if not self._followed:
             return
         try:
@@ -145,7 +145,7 @@ class RemoteBackground(Background):
         for task_id in list(self._followed):
             state = states.get(task_id)
             if state is None or state.status not in (WAITING, RUNNING):
-                self._end(self._followed.pop(task_id), _error_of(state))
+                self._end(self._followed.pop(task_id), _parse_error(state))
 
     def _end(self, key: str, error: Exception | None) -> None:
         with self._changed:
@@ -158,12 +158,12 @@ class RemoteBackground(Background):
             future.set_exception(error)
 
 
-def fault_of(error: BaseException) -> str:
+def format_error(error: BaseException) -> str:
     """How a worker says why it failed, for whoever waits: `_error_of` reads it."""
     return f"{type(error).__name__}: {error}"
 
 
-def _error_of(state: State | None) -> Exception | None:
+def _parse_error(state: State | None) -> Exception | None:
     """Why a task that is over failed; None if it was done."""
     if state is None:
         return None
@@ -172,4 +172,4 @@ def _error_of(state: State | None) -> Exception | None:
     if kind == StoreAwayError.__name__:
         # As if it had been away from here: whoever waits may ask again.
         return StoreAwayError(message)
-    return FailedApartError(fault)
+    return WorkerFailedError(fault)

@@ -284,7 +284,7 @@ def replaces(app: AppContext, draft: Draft, slug: str) -> bool:
 def transcode(app: AppContext, caller: Principal, draft: Draft) -> jobs.JobInfo:
     """Ask for the draft's videos that some browser cannot play to be made ones that all play."""
     _changed(app, draft)
-    return jobs.ask(app, caller, transcode_job.KIND, {"draft": draft.public_id})
+    return jobs.enqueue(app, caller, transcode_job.KIND, {"draft": draft.public_id})
 
 
 def create_study(app: AppContext, caller: Principal, draft: Draft) -> repository.StudyInfo:

@@ -91,32 +91,32 @@ def documents(app: AppContext, study: StudyInfo) -> dict[str, bytes]:
 
 
 @dataclass(frozen=True)
-class Made:
+class BundleInfo:
     """A bundle that was made, and when."""
 
     path: Path
     made_at: datetime
 
 
-def made(app: AppContext, study: StudyInfo) -> Made | None:
+def made(app: AppContext, study: StudyInfo) -> BundleInfo | None:
     """The study's bundle; None if there is none yet."""
     path = bundle_job.bundle_path(app.settings, study.id)
     try:
-        return Made(path, datetime.fromtimestamp(path.stat().st_mtime, UTC))
+        return BundleInfo(path, datetime.fromtimestamp(path.stat().st_mtime, UTC))
     except FileNotFoundError:
         return None
 
 
-def ask(
+def request_bundle(
     app: AppContext, caller: Principal, study: StudyInfo, pages: Mapping[str, str]
 ) -> jobs.JobInfo:
     """Ask for the study's bundle. pages: HTML of every screen by `LANGUAGE/NAME`."""
     disk_quota.require(app.settings, bundle_job.folder(app.settings))
     files = {f"{bundle_job.SCREENS}/{name}.html": html.encode() for name, html in pages.items()}
     files.update(documents(app, study))
-    laid = bundle_job.lay_ready(app.settings, files, caller.account_id)
+    laid = bundle_job.stage_files(app.settings, files, caller.account_id)
     audit_log.note_alone(app, caller.email, "ethics bundle asked for", study.slug, files=len(files))
-    return jobs.ask(
+    return jobs.enqueue(
         app, caller, bundle_job.KIND, {"laid": laid, "study_id": study.id}, study_id=study.id
     )
 
@@ -125,7 +125,7 @@ def under_way(app: AppContext, caller: Principal, study: StudyInfo) -> jobs.JobI
     """The newest job that makes the study's bundle, if it is the caller's; revived if need be."""
     job = jobs.newest(app, bundle_job.KIND, study_id=study.id)
     try:
-        return None if job is None else jobs.look(app, caller, job.public_id)
+        return None if job is None else jobs.status(app, caller, job.public_id)
     except NotFoundError:
         return None
 

@@ -34,7 +34,7 @@ def folder(settings: Settings) -> Path:
     return settings.data_dir / "ethics"
 
 
-def lay_ready(settings: Settings, files: Mapping[str, bytes], account_id: int) -> str:
+def stage_files(settings: Settings, files: Mapping[str, bytes], account_id: int) -> str:
     """Keep what the bundle is made of; its name: the same files of one account have the same."""
     content = hashlib.sha256()
     for name in sorted(files):

@@ -91,7 +91,7 @@ def backup(settings: Settings, target: Path, now: datetime) -> Backup:
         raise ConflictError(f"expected a new file, and {target} is there already")
     if not target.parent.is_dir():
         raise ConflictError(f"expected a folder to write to, and {target.parent} is none")
-    _throw_away_unfinished(target.parent, now)
+    _delete_unfinished(target.parent, now)
     # Its videos are not packed, and so take what they take; the database packs.
     videos = sum(path.stat().st_size for _, path in _besides(settings) if path.is_file())
     disk_quota.require(settings, target.parent, videos)
@@ -180,7 +180,7 @@ def _make_good(
     return again, missing
 
 
-def _throw_away_unfinished(folder: Path, now: datetime) -> None:
+def _delete_unfinished(folder: Path, now: datetime) -> None:
     for left in folder.glob(f"{_UNFINISHED}*"):
         # One that is under way may end, or may not be ours to look into.
         with suppress(OSError):

@@ -13,7 +13,7 @@ from app.services.context import AppContext
 from app.storage.models.studies import Trial
 
 
-def forget_deleted(app: AppContext) -> int:
+def evict_deleted(app: AppContext) -> int:
     """Throw away what is remembered of trials that are not kept; how many these were."""
     remembered = app.proposer.cached_seeds()
     if not remembered:

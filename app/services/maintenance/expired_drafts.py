@@ -31,11 +31,11 @@ def sweep(app: AppContext, stop: Callable[[], bool] = lambda: False) -> int:
     gone = 0
     for public_id, changed_at in rows:
         if changed_at <= due_since and not stop():
-            gone += _throw_away(app, public_id, due_since)
+            gone += _delete_draft(app, public_id, due_since)
     return gone + _clear_folders(app, {row.public_id for row in rows}, stop)
 
 
-def _throw_away(app: AppContext, public_id: str, due_since: datetime) -> int:
+def _delete_draft(app: AppContext, public_id: str, due_since: datetime) -> int:
     """1 if it went; 0 if it has gone already, or was changed meanwhile."""
     with app.database.write() as db:
         found = db.scalar(

@@ -18,7 +18,7 @@ from sqlalchemy.exc import SQLAlchemyError
 from app.services.context import AppContext
 from app.services.ethics import bundle
 from app.services.studies import deleted_studies, orphaned_videos
-from app.storage.advisory_lock import Alone, alone
+from app.storage.advisory_lock import AdvisoryLock, try_advisory_lock
 
 from . import abandoned_sessions, evict_deleted_trials, expired_drafts, partial_files, retention
 
@@ -42,7 +42,7 @@ class Task:
 #: Done by every process, for its own memory and its own machine's folders.
 OF_EACH_PROCESS = (
     Task(
-        "deleted trials from memory", 60.0, lambda app, _: evict_deleted_trials.forget_deleted(app)
+        "deleted trials from memory", 60.0, lambda app, _: evict_deleted_trials.evict_deleted(app)
     ),
     Task("unfinished videos", HOUR_S, partial_files.sweep),
 )
@@ -61,7 +61,7 @@ OF_THE_STUDIO = (
 def run_all(app: AppContext, stop: Stop = lambda: False) -> None:
     """Run all tasks of the studio now, unless another server or worker is running them."""
     try:
-        with alone(app.database, Alone.RETENTION) as is_alone:
+        with try_advisory_lock(app.database, AdvisoryLock.RETENTION) as is_alone:
             if is_alone:
                 for task in OF_THE_STUDIO:
                     _run(app, task, stop)

@@ -17,7 +17,7 @@ from sqlalchemy.orm import Session
 
 from app.services.accounts import audit_log
 from app.services.context import AppContext
-from app.services.failure_counter import Kind, Where
+from app.services.failure_counter import FailureContext, Kind
 from app.services.sessions import deletion
 from app.services.studies.repository import stored_plan
 from app.services.studies.session_modes import OF_PEOPLE
@@ -71,7 +71,7 @@ def run(
             log.exception("the retention sweep of %s failed", slug)
             swept.failed = True
             if not dry_run:
-                app.failures.count(Kind.RETENTION, Where(slug=slug))
+                app.failures.count(Kind.RETENTION, FailureContext(slug=slug))
         if swept != CleanupResult():
             found[slug] = swept
     app.failures.write()

@@ -23,7 +23,7 @@ from sqlalchemy.exc import OperationalError
 
 from app.services import jobs
 from app.services.background.job_process import JobProcesses
-from app.services.background.remote import fault_of
+from app.services.background.remote import format_error
 from app.services.context import AppContext
 from app.services.recordings import recordings
 from app.services.runtime.errors import StoreAwayError
@@ -34,7 +34,7 @@ from app.storage.task_queue import (
     RETENTION,
     Task,
     TaskQueue,
-    connector_of,
+    procrastinate_connector,
 )
 
 from . import periodic_tasks
@@ -66,24 +66,24 @@ class HeartbeatConfig:
     job_lost_after_s: float = jobs.LOST_AFTER.total_seconds()
 
 
-class GivenBackError(Exception):
+class TaskReleasedError(Exception):
     """The worker was told to stop before the task was done."""
 
 
 class WorkerTasks:
     """A worker's hands: processes for videos, one for a job at a time, a thread for the rest."""
 
-    def __init__(self, app: AppContext, queue: TaskQueue, pulse: HeartbeatConfig) -> None:
+    def __init__(self, app: AppContext, queue: TaskQueue, heartbeat: HeartbeatConfig) -> None:
         self._studio = app
-        self._pulse = pulse
+        self._heartbeat = heartbeat
         self._queue = queue
         self._jobs = JobProcesses()
         self._stopping = threading.Event()
 
     def app(self) -> procrastinate.App:
         """What Procrastinate has to know: where the queue is, and who does which task."""
-        queue_app = procrastinate.App(connector=connector_of(self._studio.settings.url))
-        again = _Again()
+        queue_app = procrastinate.App(connector=procrastinate_connector(self._studio.settings.url))
+        again = _RetryStrategy()
         queue_app.task(name=RENDER, queue=RENDER, retry=again, pass_context=True)(self._render)
         queue_app.task(name=JOB, queue=JOB, retry=again, pass_context=True)(self._job)
         alone = Task(RETENTION, "").key
@@ -99,18 +99,18 @@ class WorkerTasks:
         queue_app.periodic(cron="0 * * * *")(sweep)
         return queue_app
 
-    def ask_for_sweep(self) -> None:
+    def enqueue_retention(self) -> None:
         """A sweep now, as when a server starts: the next full hour may be far."""
-        self._queue.ask(Task(RETENTION, ""))
+        self._queue.enqueue(Task(RETENTION, ""))
 
     def stop(self) -> None:
         """Give back the job in hand, and begin no other; a sweep ends after its next deletion."""
         self._stopping.set()
         self._jobs.close()
 
-    def take_back(self) -> None:
+    def requeue_stalled(self) -> None:
         """Let those tasks be done by others whose worker was not heard of any more."""
-        for lost in self._queue.take_back(self._pulse.gone_after_s, MOST_LOSSES):
+        for lost in self._queue.requeue_stalled(self._heartbeat.gone_after_s, MOST_LOSSES):
             log.warning("a worker was lost", extra={"task": lost.name, "what": lost.argument})
             if lost.is_over and lost.name == JOB:
                 jobs.fail(self._studio.database, lost.argument, lost.fault)
@@ -118,12 +118,12 @@ class WorkerTasks:
     async def _render(
         self, context: procrastinate.JobContext, /, argument: str, **_noted: object
     ) -> None:
-        await self._to_its_end(context.job, self._make_video(argument))
+        await self._run_logged(context.job, self._make_video(argument))
 
     async def _job(
         self, context: procrastinate.JobContext, /, argument: str, **_noted: object
     ) -> None:
-        await self._to_its_end(context.job, self._do_job(argument))
+        await self._run_logged(context.job, self._do_job(argument))
 
     async def _sweep(
         self, context: procrastinate.JobContext, /, timestamp: int = 0, **_noted: object
@@ -138,12 +138,12 @@ class WorkerTasks:
         making = self._studio.background.in_process(
             (RENDER, locator), recordings.make_video, self._studio.settings, locator, urgent=True
         )
-        await _without_calling_off(making)
+        await _uncancelled(making)
 
     async def _do_job(self, public_id: str) -> None:
         database, job_handlers = self._studio.database, self._studio.job_handlers
-        lost_after = timedelta(seconds=self._pulse.job_lost_after_s)
-        kind = await asyncio.to_thread(jobs.take_up, database, public_id, lost_after)
+        lost_after = timedelta(seconds=self._heartbeat.job_lost_after_s)
+        kind = await asyncio.to_thread(jobs.claim, database, public_id, lost_after)
         if kind is None:
             return
         if kind not in job_handlers:
@@ -154,38 +154,38 @@ class WorkerTasks:
             (self._studio.settings, public_id, job_handlers[kind]),
             partial(jobs.process_died, database, public_id),
         )
-        if not await _without_calling_off(running):
-            await asyncio.to_thread(jobs.give_back, database, public_id)
-            raise GivenBackError
+        if not await _uncancelled(running):
+            await asyncio.to_thread(jobs.release, database, public_id)
+            raise TaskReleasedError
 
-    async def _to_its_end(self, task: Job, doing: Coroutine[Any, Any, None]) -> None:
+    async def _run_logged(self, task: Job, doing: Coroutine[Any, Any, None]) -> None:
         """Log the task when it is done; where it fails for good, say why to who waits for it."""
         began = time.monotonic()
         try:
             await doing
         except Exception as error:
             if _decision(error, task) is None:
-                fault = fault_of(error)
-                log.error("failed", extra=_said(task) | {"fault": fault})
-                await asyncio.to_thread(self._give_up, task, fault)
+                fault = format_error(error)
+                log.error("failed", extra=_log_fields(task) | {"fault": fault})
+                await asyncio.to_thread(self._fail, task, fault)
             raise
-        log.info("done", extra=_said(task) | {"s": round(time.monotonic() - began, 3)})
+        log.info("done", extra=_log_fields(task) | {"s": round(time.monotonic() - began, 3)})
 
-    def _give_up(self, task: Job, fault: str) -> None:
+    def _fail(self, task: Job, fault: str) -> None:
         assert task.id is not None
         self._queue.note_fault(task.id, fault)
         if task.task_name == JOB:
             jobs.fail(self._studio.database, str(task.task_kwargs["argument"]), fault)
 
 
-class _Again(procrastinate.BaseRetryStrategy):
+class _RetryStrategy(procrastinate.BaseRetryStrategy):
     def get_retry_decision(
         self, *, exception: BaseException, job: Job
     ) -> procrastinate.RetryDecision | None:
         return _decision(exception, job)
 
 
-async def _without_calling_off(work: Future[T]) -> T:
+async def _uncancelled(work: Future[T]) -> T:
     """What comes of the work, which goes on and is logged where nobody can wait for it."""
     done = asyncio.wrap_future(work)
     done.add_done_callback(lambda it: it.cancelled() or it.exception())
@@ -194,9 +194,9 @@ async def _without_calling_off(work: Future[T]) -> T:
 
 def _decision(error: BaseException, task: Job) -> procrastinate.RetryDecision | None:
     """When the task is tried again after an error; None where that would be of no use."""
-    if isinstance(error, jobs.JobInHandsError):
+    if isinstance(error, jobs.JobStillRunningError):
         return procrastinate.RetryDecision(retry_in={"seconds": _IN_HANDS_S})
-    if isinstance(error, GivenBackError | asyncio.CancelledError):
+    if isinstance(error, TaskReleasedError | asyncio.CancelledError):
         return procrastinate.RetryDecision(retry_in={"seconds": 0})
     # Its process was killed, for want of memory say, or the database or the store of recordings was
     # away: no fault of its own.
@@ -206,5 +206,5 @@ def _decision(error: BaseException, task: Job) -> procrastinate.RetryDecision | 
     return None
 
 
-def _said(task: Job) -> dict[str, object]:
+def _log_fields(task: Job) -> dict[str, object]:
     return {"task": task.task_name, "what": task.task_kwargs.get("argument")}

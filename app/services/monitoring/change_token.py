@@ -18,7 +18,7 @@ from app.storage.models.records import FaultCount
 from app.storage.models.studies import SessionRow, Study
 
 
-def stamp(app: AppContext, study_id: int, modes: Sequence[str], lease_minutes: int) -> str:
+def change_token(app: AppContext, study_id: int, modes: Sequence[str], lease_minutes: int) -> str:
     """How the study and its sessions of these modes stand, as 16 hex digits."""
     heard_of_since = app.now() - timedelta(minutes=lease_minutes)
     of_study = SessionRow.study_id == study_id, SessionRow.mode.in_(modes)

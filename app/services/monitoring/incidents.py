@@ -111,7 +111,7 @@ _SAID = {
 }
 
 
-def troubles(app: AppContext, study: StudyInfo) -> list[Incident]:
+def incidents(app: AppContext, study: StudyInfo) -> list[Incident]:
     """What went wrong within the last days, the latest first."""
     app.failures.write()
     since = app.now() - SHOWN

@@ -14,10 +14,10 @@ from app.services.studies.session_modes import ALL
 from app.study.reward import Reward
 
 from . import session_list
-from .change_token import stamp
+from .change_token import change_token
 from .conditions import ConditionLine, conditions
 from .funnel import Step, funnel
-from .incidents import Incident, troubles
+from .incidents import Incident, incidents
 from .session_list import SessionLine
 
 
@@ -53,7 +53,7 @@ def overview(app: AppContext, study: StudyInfo, mode: str) -> Overview:
     """The study's sessions in a mode (live, preview, pilot, simulated, all)."""
     modes = modes_of(mode)
     # The stamp first: what changes meanwhile shows as a change afterwards.
-    now = stamp(app, study.id, modes, study.plan.lease_minutes)
+    now = change_token(app, study.id, modes, study.plan.lease_minutes)
     lines = session_list.sessions(app, study, modes)
     stages = [line.stage for line in lines]
     ended = {stage: stages.count(stage) for stage in ENDED}
@@ -74,7 +74,7 @@ def overview(app: AppContext, study: StudyInfo, mode: str) -> Overview:
         sessions=lines,
         minutes=minutes,
         pay=None if reward is None else _pay(reward, minutes),
-        troubles=troubles(app, study),
+        troubles=incidents(app, study),
     )
 
 

@@ -61,7 +61,7 @@ class Asked:
 
 
 @dataclass(frozen=True)
-class TrialStory:
+class TrialDetail:
     """One trial; index -1 is the practice. best: the recordings of what it has acquired so far."""
 
     index: int
@@ -75,7 +75,7 @@ class TrialStory:
 
 
 @dataclass(frozen=True)
-class Story:
+class SessionDetail:
     """One session."""
 
     session_id: str
@@ -88,7 +88,7 @@ class Story:
     last_seen_at: datetime
     ended_at: datetime | None
     plan_version: int
-    trials: tuple[TrialStory, ...]
+    trials: tuple[TrialDetail, ...]
 
 
 #: Names of what `summary` gives, in its order.
@@ -108,7 +108,7 @@ _SEEN = (
 )
 
 
-def story(app: AppContext, study: StudyInfo, session_id: str) -> Story:
+def session_detail(app: AppContext, study: StudyInfo, session_id: str) -> SessionDetail:
     """The session of this pseudonym. Raises NotFoundError if the study has none of that name."""
     with app.database.read() as db:
         row = find_session(db, study, session_id)
@@ -125,7 +125,7 @@ def story(app: AppContext, study: StudyInfo, session_id: str) -> Story:
                 )
             )
         ).all()
-        return Story(
+        return SessionDetail(
             session_id=row.public_id,
             participant_id=row.participant.pseudonym,
             mode=row.mode,
@@ -158,7 +158,7 @@ def _trial(
     study: StudyInfo,
     trial: Trial,
     seen: Mapping[tuple[int, int], Mapping[str, Any]],
-) -> TrialStory:
+) -> TrialDetail:
     space = app.proposer.candidate_set(study.id, trial.environment)
     learnt = _preferences(db, trial.id)
     undone = _undone(db, trial.id)
@@ -189,7 +189,7 @@ def _trial(
         )
         for query in trial.queries
     )
-    return TrialStory(
+    return TrialDetail(
         index=trial.trial_index,
         condition=trial.condition,
         method=trial.method,

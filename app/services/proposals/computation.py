@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from app.pbbo import FitError, Preference, PreferenceOptimizer, Query, Settings, has_posterior
-from app.services.runtime.child_process import work_for_parent
+from app.services.runtime.child_process import set_up_child_process
 
 #: One answered query: left candidate, right candidate, "left" | "right" | "skip", and of a skip the
 #: reason where the method learns from it.
@@ -128,7 +128,7 @@ class FitProcess:
 
 def _begin() -> None:
     # Not by much: what is not thought in time is asked for again and again, which costs pages more.
-    work_for_parent(yields=5)
+    set_up_child_process(yields=5)
     # As in the server: one fit, one processor.
     threadpool_limits(1, user_api="blas")
 

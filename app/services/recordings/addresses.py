@@ -36,7 +36,7 @@ Place = tuple[int, int]
 
 
 @dataclass(frozen=True)
-class Shown:
+class AddressedRecording:
     """What an address stands for. seed: of the session; another one may have its id by now."""
 
     session_id: int
@@ -57,7 +57,7 @@ class VideoAddresses:
         sealed = self._cipher.encrypt(plain, None)
         return base64.urlsafe_b64encode(sealed).decode().rstrip("=")
 
-    def opened(self, name: str) -> Shown | None:
+    def opened(self, name: str) -> AddressedRecording | None:
         """What a name stands for; None if this server has not sealed it."""
         if len(name) != _LETTERS:
             return None
@@ -67,14 +67,14 @@ class VideoAddresses:
         except (NotBase64, ValueError, InvalidTag):
             return None
         session_id, high, low, recording_id, _, _ = _FORM.unpack(plain)
-        return Shown(session_id, (high << 32) + low, recording_id)
+        return AddressedRecording(session_id, (high << 32) + low, recording_id)
 
     @cached_property
     def _cipher(self) -> AESSIV:
         return AESSIV(self._secret.key("video addresses"))
 
 
-def is_of_session(shown: Shown, seed: int) -> bool:
+def is_of_session(shown: AddressedRecording, seed: int) -> bool:
     """Whether the address was sealed for the session that has this seed."""
     own: int = seed % 2**_SEED_BITS
     return shown.seed == own

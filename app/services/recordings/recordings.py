@@ -15,21 +15,22 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path, PurePosixPath
+from threading import Lock
 from typing import Any, Protocol
 
+from cachetools import TTLCache
 from sqlalchemy import select
 
 from app.crane import library
 from app.services.background.interface import Background
 from app.services.recordings.stores.factory import open_stores
-from app.services.recordings.stores.interface import Errand, Link, Store
-from app.services.recordings.stores.memory import Memory
+from app.services.recordings.stores.interface import InternalRedirect, SignedUrl, Store
 from app.services.runtime.errors import GoneError, NotFoundError, StoreAwayError
 from app.services.runtime.settings import Settings
 from app.storage.database import Database
 from app.storage.models.studies import Candidate, Recording, SessionRow
 
-from .addresses import Shown, is_of_session
+from .addresses import AddressedRecording, is_of_session
 
 log = logging.getLogger(__name__)
 
@@ -37,7 +38,7 @@ FILE = "file"
 CRANE = "crane"
 
 #: How many recordings' sources are remembered: a video is asked for in several ranges.
-_KNOWN_SOURCES = 20_000
+_MAX_SOURCES = 20_000
 
 #: For how long it is remembered what a session was shown, in seconds.
 _SHOWN_S = 60.0
@@ -73,8 +74,9 @@ class Recordings:
         self._background = background
         self._settings = settings
         self._stores = open_stores(settings)
-        self._find = lru_cache(_KNOWN_SOURCES)(self._find_uncached)
-        self._shown: Memory[Shown, Source] = Memory()
+        self._find = lru_cache(_MAX_SOURCES)(self._find_uncached)
+        self._shown: TTLCache[AddressedRecording, Source] = TTLCache(_MAX_SOURCES, _SHOWN_S)
+        self._shown_lock = Lock()
 
     @property
     def origin(self) -> str | None:
@@ -85,14 +87,16 @@ class Recordings:
         """The source of the recording that a browser knows as `public_id`, or NotFoundError."""
         return self._find(public_id)
 
-    def of_session(self, shown: Shown) -> Source:
+    def of_session(self, shown: AddressedRecording) -> Source:
         """The source of what a session is shown. Raises GoneError once the session is deleted.
 
         What was found is remembered for a minute: for so long, addresses of a session that another
         process has deleted go on.
         """
-        if (held := self._shown.find(shown)) is not None:
-            return held[0]
+        with self._shown_lock:
+            held = self._shown.get(shown)
+        if held is not None:
+            return held
         with self._database.read() as db:
             row = db.execute(
                 select(Recording.source, Recording.locator, SessionRow.seed)
@@ -103,12 +107,14 @@ class Recordings:
         if row is None or not is_of_session(shown, row.seed):
             raise GoneError("the session that was shown this video is deleted")
         found = FoundSource(row.source, row.locator)
-        self._shown.keep(shown, found, _SHOWN_S)
+        with self._shown_lock:
+            self._shown[shown] = found
         return found
 
-    def forget_shown(self) -> None:
-        """Look again which sessions there are: some were deleted."""
-        self._shown.clear()
+    def clear_session_cache(self) -> None:
+        """Drop the cached sources of all sessions, so that deleted sessions are refused now."""
+        with self._shown_lock:
+            self._shown.clear()
 
     def is_available(self, source: Source) -> bool:
         """Whether there is a file, or one can be made, as far as is known. Asks no network."""
@@ -144,10 +150,10 @@ class Recordings:
             raise NotFoundError("the file of this recording is missing")
         return self._make(source, urgent=urgent)
 
-    def hand_out(self, source: Source, *, head: bool = False) -> Path | Link | Errand:
+    def serve(self, source: Source, *, head: bool = False) -> Path | SignedUrl | InternalRedirect:
         """How a browser gets the file that `ensure` saw to, by a GET or, if `head`, by a HEAD."""
         store, name = self._kept(source)
-        return store.hand_out(name, head=head)
+        return store.serve(name, head=head)
 
     def prefetch(self, source: Source) -> None:
         """Begin to make a video that will be asked for; a fault shows when it is."""
@@ -169,26 +175,26 @@ class Recordings:
             yield [
                 target
                 for source, target in zip(sources, targets, strict=True)
-                if self.bring(source, target)
+                if self.copy_to(source, target)
             ]
 
-    def bring(self, source: Source, target: Path) -> bool:
+    def copy_to(self, source: Source, target: Path) -> bool:
         """Make `target` the recording's file; False if there is none."""
         store, name = self._kept(source)
-        return store.bring(name, target)
+        return store.copy_to(name, target)
 
     def keep_files(self, videos: Mapping[str, Path]) -> None:
         """Keep studies' own videos, each under the locator that `file_locator` gives."""
         _put_all(self._stores.own, videos)
 
-    def throw_away(self, locators: Iterable[str]) -> None:
+    def delete(self, locators: Iterable[str]) -> None:
         """Delete videos of studies' own that no study has any more."""
         self._find.cache_clear()
-        self._shown.clear()
+        self.clear_session_cache()
         left = []
         for locator in locators:
             try:
-                self._stores.own.throw_away([locator])
+                self._stores.own.delete([locator])
             except StoreAwayError:
                 left.append(locator)
         if left:

@@ -11,7 +11,7 @@ from app.figures import svg
 from app.services.export.table import Request
 from app.services.results.charts import draw
 from app.services.results.registry import FINDINGS
-from app.services.results.result import Found
+from app.services.results.result import Result
 from app.statistics.comparisons import p_value
 
 from .document import Block, Figure, Heading, Paragraph, Table
@@ -35,7 +35,7 @@ def results(db: Session, request: Request) -> Iterator[Block]:
                 yield Paragraph(note)
 
 
-def _tests(tests: Any, found: Found) -> Table:
+def _tests(tests: Any, found: Result) -> Table:
     numbers: dict[tuple[str, int, str], int] = {}
     for row in found.rows:
         key = (row["environment"], row["answers"], row["condition"])

@@ -13,20 +13,20 @@ from app.services.studies.candidate_scores import mean_scores
 from app.statistics.comparisons import SampleError, compare, p_value
 from app.study.plan import Plan
 
-from .data import Holding, answers, holdings
-from .result import Found, Row
+from .data import AcquiredRow, acquired_rows, answers
+from .result import Result, Row
 
 #: Answers after which the paper looks at what people's trials had acquired (Fig. 17). A trial's
 #: last answer is looked at besides.
 AFTER_ANSWERS: Final = (10, 20, 30)
 
 
-def on_w(db: Session, request: Request) -> Found:
+def on_w(db: Session, request: Request) -> Result:
     """The candidate that each finished trial ended with."""
     by_candidate = points(db, request)
     of_score = mean_scores(db, request.study.id)
     names = [parameter.name for parameter in request.study.plan.parameters]
-    last = {(at.session, at.trial): at for at in holdings(db, request) if at.finished}
+    last = {(at.session, at.trial): at for at in acquired_rows(db, request) if at.finished}
     rows: list[Row] = [
         {
             "session_id": at.session,
@@ -41,11 +41,11 @@ def on_w(db: Session, request: Request) -> Found:
         for at in last.values()
     ]
     if not rows:
-        return Found((), "No trial is finished yet.")
+        return Result((), "No trial is finished yet.")
     different = len({(row["environment"], row["candidate"]) for row in rows})
     says = f"{len(rows)} finished trials ended with {different} different candidates."
     ground = of_score or _shown(db, request)
-    return Found(
+    return Result(
         rows,
         says,
         extra={
@@ -65,14 +65,14 @@ def _shown(db: Session, request: Request) -> dict[tuple[str, int], float]:
     return shown
 
 
-def scores_acquired(db: Session, request: Request) -> Found:
+def scores_acquired(db: Session, request: Request) -> Result:
     """The mean score of what each trial had acquired after 10, 20, 30 and all answers, with tests.
 
     Only answers that the method learned from are counted.
     """
     of_score = mean_scores(db, request.study.id)
     if not of_score:
-        return Found((), "The recordings of this study have no scores.")
+        return Result((), "The recordings of this study have no scores.")
     plan = request.study.plan
     most = plan.learned_per_trial
     looks = sorted({*(number for number in AFTER_ANSWERS if number < most), most})
@@ -87,11 +87,11 @@ def scores_acquired(db: Session, request: Request) -> Found:
             "candidate": at.candidate,
             "score": of_score[at.environment, at.candidate],
         }
-        for number, at in _looked_at(holdings(db, request), looks)
+        for number, at in _looked_at(acquired_rows(db, request), looks)
         if (at.environment, at.candidate) in of_score
     ]
     if not rows:
-        return Found((), f"No trial has {looks[0]} answers yet.")
+        return Result((), f"No trial has {looks[0]} answers yet.")
     tests, notes = _tests(rows, [condition.name for condition in plan.conditions])
     last = max(row["answers"] for row in rows)
     means = "; ".join(
@@ -99,10 +99,12 @@ def scores_acquired(db: Session, request: Request) -> Found:
         for condition, found in _by_condition(rows, last).items()
     )
     says = f"Mean score after {last} answers: {means}. {_counted(plan)}"
-    return Found(rows, says, notes, {"tests": tests})
+    return Result(rows, says, notes, {"tests": tests})
 
 
-def _looked_at(held: Iterable[Holding], looks: Sequence[int]) -> Iterator[tuple[int, Holding]]:
+def _looked_at(
+    held: Iterable[AcquiredRow], looks: Sequence[int]
+) -> Iterator[tuple[int, AcquiredRow]]:
     """What each trial held after so many answers that taught, for each of these numbers.
 
     A finished trial with fewer is looked at as it ended.

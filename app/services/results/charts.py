@@ -10,13 +10,13 @@ from app.figures import bands, counts, intervals, maps, paths, side, slices, str
 from app.services.studies.repository import StudyInfo
 from app.study.plan import Parameter
 
-from .result import Found, Row
+from .result import Result, Row
 
 #: Any Altair chart.
 Chart = Any
 
 
-def draw(name: str, found: Found, study: StudyInfo) -> Chart:
+def draw(name: str, found: Result, study: StudyInfo) -> Chart:
     """The chart of a finding that has rows."""
     return _DRAWN[name](found, study)
 
@@ -37,7 +37,7 @@ def _conditions(rows: Sequence[Row], study: StudyInfo) -> list[str]:
     return known + [name for name in present if name not in known]
 
 
-def _on_w(found: Found, study: StudyInfo) -> Chart:
+def _on_w(found: Result, study: StudyInfo) -> Chart:
     parameters = study.plan.parameters
     if len(parameters) != 2:
         return strips(
@@ -84,7 +84,7 @@ def _on_w(found: Found, study: StudyInfo) -> Chart:
     )
 
 
-def _scores(found: Found, study: StudyInfo) -> Chart:
+def _scores(found: Result, study: StudyInfo) -> Chart:
     rows = [
         {
             "panel": row["environment"],
@@ -103,7 +103,7 @@ def _scores(found: Found, study: StudyInfo) -> Chart:
     )
 
 
-def _skips(found: Found, _study: StudyInfo) -> Chart:
+def _skips(found: Result, _study: StudyInfo) -> Chart:
     rows = sorted(found.rows, key=lambda row: row["skips"])
     return counts(
         [
@@ -113,7 +113,7 @@ def _skips(found: Found, _study: StudyInfo) -> Chart:
     )
 
 
-def _times(found: Found, study: StudyInfo) -> Chart:
+def _times(found: Result, study: StudyInfo) -> Chart:
     return bands(
         [
             {
@@ -132,8 +132,8 @@ def _times(found: Found, study: StudyInfo) -> Chart:
 
 def _dots(
     x_title: str, y_title: str, panel: str, name: Callable[[Row], str], value: str, number: str
-) -> Callable[[Found, StudyInfo], Chart]:
-    def drawn(found: Found, _study: StudyInfo) -> Chart:
+) -> Callable[[Result, StudyInfo], Chart]:
+    def drawn(found: Result, _study: StudyInfo) -> Chart:
         rows = [
             {
                 "panel": row.get(panel, ""),
@@ -150,7 +150,7 @@ def _dots(
     return drawn
 
 
-def _path(found: Found, study: StudyInfo) -> Chart:
+def _path(found: Result, study: StudyInfo) -> Chart:
     return paths(
         [
             {
@@ -165,7 +165,7 @@ def _path(found: Found, study: StudyInfo) -> Chart:
     )
 
 
-def _posterior(found: Found, study: StudyInfo) -> Chart:
+def _posterior(found: Result, study: StudyInfo) -> Chart:
     """Two maps where W is a plane; else slices, the mean over all other parameters."""
     parameters = study.plan.parameters
     best = found.rows[found.extra["best"]]
@@ -225,7 +225,7 @@ def _along(rows: Sequence[Row], name: str, title: str) -> list[Row]:
     return found
 
 
-_DRAWN: Final[Mapping[str, Callable[[Found, StudyInfo], Chart]]] = MappingProxyType(
+_DRAWN: Final[Mapping[str, Callable[[Result, StudyInfo], Chart]]] = MappingProxyType(
     {
         "acquired-on-w": _on_w,
         "acquired-scores": _scores,

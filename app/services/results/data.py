@@ -40,7 +40,7 @@ class Answer(NamedTuple):
         return self.trial_type in CHECKS
 
 
-class Holding(NamedTuple):
+class AcquiredRow(NamedTuple):
     """The acquired candidate after one response that taught.
 
     learned: how many responses of the trial had taught by then, this one included. Responses to
@@ -78,7 +78,7 @@ def answers(db: Session, request: Request) -> Iterator[Answer]:
         yield Answer(*row)
 
 
-def holdings(db: Session, request: Request) -> Iterator[Holding]:
+def acquired_rows(db: Session, request: Request) -> Iterator[AcquiredRow]:
     """The acquired candidates, in the order of sessions, trials and queries."""
     statement = (
         _of_trials(request, Trial.ended_at.is_not(None), Acquired.query_index, Acquired.candidate)
@@ -91,7 +91,7 @@ def holdings(db: Session, request: Request) -> Iterator[Holding]:
         session_id, participant, index, condition, environment, finished, query, candidate = row
         learned = learned + 1 if trial == (session_id, index) else 1
         trial = session_id, index
-        yield Holding(
+        yield AcquiredRow(
             session_id,
             participant,
             index,

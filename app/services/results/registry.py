@@ -13,7 +13,7 @@ from app.services.context import AppContext
 from app.services.export.table import Request
 
 from . import acquired, response_behaviour, win_rates
-from .result import Found
+from .result import Result
 
 
 @dataclass(frozen=True)
@@ -22,7 +22,7 @@ class Finding:
 
     title: str
     about: str
-    read: Callable[[Session, Request], Found]
+    read: Callable[[Session, Request], Result]
 
 
 FINDINGS: Final[Mapping[str, Finding]] = MappingProxyType(
@@ -68,7 +68,7 @@ FINDINGS: Final[Mapping[str, Finding]] = MappingProxyType(
 )
 
 
-def find(app: AppContext, request: Request, name: str) -> Found:
+def find(app: AppContext, request: Request, name: str) -> Result:
     """One finding, read now. `name` is one of FINDINGS."""
     with app.database.read() as db:
         return FINDINGS[name].read(db, request)

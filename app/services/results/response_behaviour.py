@@ -13,7 +13,7 @@ from app.statistics.shares import share
 from app.study.attention_checks import Kind
 
 from .data import answers
-from .result import Found, Row
+from .result import Result, Row
 
 _POOLED: Final = (
     "Answers of one person are not independent, so the interval over all of them is rather too"
@@ -21,7 +21,7 @@ _POOLED: Final = (
 )
 
 
-def skips(db: Session, request: Request) -> Found:
+def skips(db: Session, request: Request) -> Result:
     """How often each evaluator skipped, in each trial that offers it; checks are left out."""
     offered = {c.name for c in request.study.plan.conditions if c.skip is not None}
     counted: dict[tuple[str, ...], list[int]] = {}
@@ -45,17 +45,17 @@ def skips(db: Session, request: Request) -> Found:
         for (participant, session_id, condition, place), (skipped, number) in counted.items()
     ]
     if not rows:
-        return Found((), "No answers yet where a skip is offered.")
+        return Result((), "No answers yet where a skip is offered.")
     most, least = max(r["skips"] for r in rows), min(r["skips"] for r in rows)
     total, number = sum(r["skips"] for r in rows), sum(r["answers"] for r in rows)
     says = (
         f"{total} of {number} answers were skips ({total / number:.0%});"
         f" {least} to {most} in a trial."
     )
-    return Found(rows, says, _left_out(request))
+    return Result(rows, says, _left_out(request))
 
 
-def response_times(db: Session, request: Request) -> Found:
+def response_times(db: Session, request: Request) -> Result:
     """Seconds from both videos having begun to the answer; checks are counted too."""
     counted = [answer for answer in answers(db, request) if answer.rt_ms is not None]
     rows: list[Row] = [
@@ -70,14 +70,14 @@ def response_times(db: Session, request: Request) -> Found:
         for answer in counted
     ]
     if not rows:
-        return Found((), "No answers with a time yet.")
+        return Result((), "No answers with a time yet.")
     middle = median(row["rt_ms"] for row in rows) / 1000
     says = f"The median of {len(rows)} answers is {middle:.1f} s."
     checks = {answer.is_check for answer in counted}
-    return Found(rows, f"{says} Answers to checks are among them." if True in checks else says)
+    return Result(rows, f"{says} Answers to checks are among them." if True in checks else says)
 
 
-def sides(db: Session, request: Request) -> Found:
+def sides(db: Session, request: Request) -> Result:
     """How often each evaluator chose the left of the two, with a 95 % interval; without checks."""
     counted: dict[tuple[str, str], list[int]] = {}
     for answer in answers(db, request):
@@ -100,7 +100,7 @@ def sides(db: Session, request: Request) -> Found:
             }
         )
     if not rows:
-        return Found((), "No choices yet.")
+        return Result((), "No choices yet.")
     rows.sort(key=lambda row: row["share_left"])
     whole = share(sum(row["left"] for row in rows), sum(row["choices"] for row in rows))
     beyond = sum(not row["low"] <= 0.5 <= row["high"] for row in rows)
@@ -109,10 +109,10 @@ def sides(db: Session, request: Request) -> Found:
         f" {whole.high:.0%}]. {beyond} of {len(rows)} sessions leave one half outside their 95 %"
         " interval; chance alone makes that one in twenty."
     )
-    return Found(rows, says, (*_left_out(request), _POOLED))
+    return Result(rows, says, (*_left_out(request), _POOLED))
 
 
-def repeats(db: Session, request: Request) -> Found:
+def repeats(db: Session, request: Request) -> Result:
     """How often a pair shown again, its sides swapped, was answered alike; per condition."""
     counted: dict[str, list[int]] = {}
     for outcome in check_outcomes(db, *trials_of(request)):
@@ -138,13 +138,13 @@ def repeats(db: Session, request: Request) -> Found:
     if not rows:
         why = "No pair has been shown again yet."
         none = "This study shows no pair a second time (checks: repeats in its plan)."
-        return Found((), why if request.study.plan.repeats_per_trial else none)
+        return Result((), why if request.study.plan.repeats_per_trial else none)
     whole = share(sum(row["agreed"] for row in rows), sum(row["repeats"] for row in rows))
     says = (
         f"{whole.part} of {whole.whole} repeats were answered alike: {whole.value:.0%}"
         f" [{whole.low:.0%}, {whole.high:.0%}]."
     )
-    return Found(rows, says, (_POOLED,))
+    return Result(rows, says, (_POOLED,))
 
 
 def _left_out(request: Request) -> tuple[str, ...]:

@@ -14,7 +14,7 @@ Row = Mapping[str, Any]
 
 
 @dataclass(frozen=True)
-class Found:
+class Result:
     """rows: the table behind a figure, none while there is nothing to show. says: the figure in
     words, for those who do not see it. notes: lines below it, such as tests. extra: what else the
     chart is drawn from."""

@@ -19,10 +19,10 @@ from app.services.sessions import queries
 from app.services.studies.repository import StudyInfo
 from app.storage.models.studies import Acquired, Trial
 
-from .result import Found, Row
+from .result import Result, Row
 
 
-def find(app: AppContext, study: StudyInfo, session_id: str, trial_index: int, name: str) -> Found:
+def find(app: AppContext, study: StudyInfo, session_id: str, trial_index: int, name: str) -> Result:
     """One finding of LEARNING of a trial. Raises NotFoundError if there is no such trial."""
     with app.database.read() as db:
         row = find_session(db, study, session_id)
@@ -34,7 +34,7 @@ def find(app: AppContext, study: StudyInfo, session_id: str, trial_index: int, n
         return LEARNING[name](app, db, trial)
 
 
-def path(app: AppContext, db: Session, trial: Trial) -> Found:
+def path(app: AppContext, db: Session, trial: Trial) -> Result:
     """The acquired candidate after each answer."""
     space = app.proposer.candidate_set(trial.session.study_id, trial.environment)
     rows: list[Row] = [
@@ -57,7 +57,7 @@ def path(app: AppContext, db: Session, trial: Trial) -> Found:
         )
     ]
     if not rows:
-        return Found((), "Nothing is acquired before the first answer.")
+        return Result((), "Nothing is acquired before the first answer.")
     moves = [
         number
         for number, (before, here) in enumerate(pairwise(rows), start=2)
@@ -75,10 +75,10 @@ def path(app: AppContext, db: Session, trial: Trial) -> Found:
         says += (
             f" Counted are answers that the model learns from: {shown - len(rows)} checks are not."
         )
-    return Found(rows, says)
+    return Result(rows, says)
 
 
-def posterior(app: AppContext, db: Session, trial: Trial) -> Found:
+def posterior(app: AppContext, db: Session, trial: Trial) -> Result:
     """Posterior mean and deviation over the candidates after all answers so far."""
     in_hand = queries.trial_spec(
         trial.session, trial.trial_index, trial.seed, trial.queries[0].engine_version
@@ -90,7 +90,7 @@ def posterior(app: AppContext, db: Session, trial: Trial) -> Found:
         space.candidates, in_hand.method, in_hand.settings, in_hand.seed, history
     )
     if belief is None:
-        return Found((), f"There is no model to show: {trial.method}, {len(history)} answers.")
+        return Result((), f"There is no model to show: {trial.method}, {len(history)} answers.")
     mean, std = belief
     shown = np.zeros(len(mean), dtype=int)
     for query in record:
@@ -111,13 +111,13 @@ def posterior(app: AppContext, db: Session, trial: Trial) -> Found:
         f"After {len(history)} answers the mean is highest at candidate {best} ({where});"
         f" {int((shown > 0).sum())} of {len(mean)} candidates were shown."
     )
-    return Found(rows, says, extra={"best": best})
+    return Result(rows, says, extra={"best": best})
 
 
 def _point(space: Any, candidate: int) -> dict[str, float]:
     return dict(zip(space.parameters, map(float, space.candidates[candidate]), strict=True))
 
 
-LEARNING: Final[Mapping[str, Callable[[AppContext, Session, Trial], Found]]] = MappingProxyType(
+LEARNING: Final[Mapping[str, Callable[[AppContext, Session, Trial], Result]]] = MappingProxyType(
     {"path": path, "posterior": posterior}
 )

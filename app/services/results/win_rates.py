@@ -11,13 +11,13 @@ from app.services.export.table import Request, points
 from app.statistics.win_rates import win_rates
 
 from .data import answers
-from .result import Found, Row
+from .result import Result, Row
 
 #: Candidates shown in each environment: beyond these hardly any has enough comparisons.
 MOST_COMPARED: Final = 12
 
 
-def rates(db: Session, request: Request) -> Found:
+def rates(db: Session, request: Request) -> Result:
     """Over all people and conditions; the model is fitted to all choices of an environment."""
     games: dict[str, list[tuple[int, int]]] = {}
     for answer in answers(db, request):
@@ -49,7 +49,7 @@ def rates(db: Session, request: Request) -> Found:
                 }
             )
     if not rows:
-        return Found((), "No choices yet.")
+        return Result((), "No choices yet.")
     best = max(rows, key=lambda row: row["win_rate"])
     says = (
         f"Of those compared most, candidate {best['candidate']} ({best['environment']}) wins most:"
@@ -59,4 +59,4 @@ def rates(db: Session, request: Request) -> Found:
         "Bradley and Terry's model over all choices; skips and checks are left out. Answers of one"
         " person are not independent, so the intervals are rather too narrow."
     )
-    return Found(rows, says, (note,))
+    return Result(rows, says, (note,))

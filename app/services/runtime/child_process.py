@@ -14,7 +14,7 @@ from typing import Any
 log = logging.getLogger(__name__)
 
 
-def work_for_parent(yields: int = 10) -> None:
+def set_up_child_process(yields: int = 10) -> None:
     """Make a worker leave when its server is killed: a pool's workers would wait for ever.
 
     yields: how much to those who answer pages, as a process's niceness. On a busy machine 10 leaves
@@ -33,7 +33,7 @@ def work_for_parent(yields: int = 10) -> None:
     os.nice(yields)
 
 
-def log_fault(key: Hashable, finished: Future[Any]) -> None:
+def log_failure(key: Hashable, finished: Future[Any]) -> None:
     """Log why work failed: whoever asked for it may not be listening any more."""
     if not finished.cancelled() and (error := finished.exception()) is not None:
         log.error("background work %r failed", key, exc_info=error)

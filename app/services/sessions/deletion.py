@@ -71,7 +71,7 @@ def delete_session(
 def forget(app: AppContext, seeds: frozenset[int]) -> None:
     """Leave no trace in memory, nor in what the database still has on the disk."""
     app.proposer.purge(seeds)
-    app.recordings.forget_shown()
+    app.recordings.clear_session_cache()
     app.database.scrub()
 
 

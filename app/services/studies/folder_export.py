@@ -51,7 +51,7 @@ def _write_table(
         writer.writerow([*names, FILE_COLUMN, SCORE_COLUMN])
         for candidate, recording in _recordings(app, study_id, environment):
             assert recording.file is not None  # a file has a name
-            if not app.recordings.bring(recording, folder / recording.file):
+            if not app.recordings.copy_to(recording, folder / recording.file):
                 raise ConflictError(
                     f"expected the video {recording.file!r} among the studio's, it is missing"
                 )

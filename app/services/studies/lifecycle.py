@@ -116,7 +116,7 @@ def delete(
         db.flush()
         left = orphaned_videos.in_no_study(app, db, files)
     app.proposer.purge(seeds)
-    app.recordings.throw_away(left)
+    app.recordings.delete(left)
     app.database.scrub()
 
 

@@ -89,7 +89,7 @@ def sweep(app: AppContext, stop: Callable[[], bool] = lambda: False) -> int:
             continue
         with app.database.read() as db:
             left = in_no_study(app, db, _noted(path))
-        app.recordings.throw_away(left)
+        app.recordings.delete(left)
         path.unlink(missing_ok=True)
         gone += len(left)
     return gone

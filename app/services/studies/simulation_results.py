@@ -108,7 +108,7 @@ def simulate(
         "seed": seed,
         "before": before or 0,
     }
-    asked = jobs.ask(app, caller, SIMULATE, request, study.id)
+    asked = jobs.enqueue(app, caller, SIMULATE, request, study.id)
     audit_log.note_alone(
         app, caller.email, "simulation asked for", study.slug, sessions=sessions, evaluator=kind
     )

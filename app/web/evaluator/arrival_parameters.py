@@ -7,7 +7,7 @@ from fastapi import Request
 from app.services.arrival import entry_links, session_holder
 from app.services.arrival.session_holder import Holder
 from app.services.context import AppContext
-from app.services.failure_counter import Kind, Where
+from app.services.failure_counter import FailureContext, Kind
 from app.services.platform_keys import READING_S
 from app.services.runtime.errors import IdsRefusedError, SignedLinkError
 from app.services.sessions import completion
@@ -35,7 +35,7 @@ def given(request: Request, slug: str, app: AppContext) -> Given:
     try:
         return completion.in_link(app, slug, came)
     except IdsRefusedError:
-        app.failures.note(Kind.UNREADABLE, Where(slug=slug))
+        app.failures.note(Kind.UNREADABLE, FailureContext(slug=slug))
         raise
 
 
@@ -87,4 +87,4 @@ def _is_single_use(app: AppContext, slug: str) -> bool:
 def note_unfilled(app: AppContext, slug: str, given: Given) -> None:
     """Have those who run the study told that somebody began by a link that was not filled in."""
     if given.unfilled:
-        app.failures.note(Kind.UNFILLED, Where(slug=slug))
+        app.failures.note(Kind.UNFILLED, FailureContext(slug=slug))

@@ -19,7 +19,7 @@ from starlette.exceptions import HTTPException
 from app.services.runtime.errors import ServiceError
 from app.services.sessions import failure_return
 from app.services.studies import session_modes
-from app.storage.integrity_errors import is_clash
+from app.storage.integrity_errors import is_conflict
 from app.study.protocol import ProtocolError
 from app.web.http import session_paths
 from app.web.http.security import session_cookie, studio_of
@@ -54,7 +54,7 @@ class EvaluatorRoute(APIRoute):
                 raise
             except Exception as error:
                 # What somebody else did at the same moment is there when they look again.
-                if is_clash(error):
+                if is_conflict(error):
                     raise
                 log.exception("a page of the study %r failed", slug)
                 return await run_in_threadpool(_failed, request, slug)

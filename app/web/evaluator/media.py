@@ -17,7 +17,7 @@ from starlette.concurrency import run_in_threadpool
 
 from app.services.context import AppContext
 from app.services.recordings.recordings import Source
-from app.services.recordings.stores.interface import KEPT, Errand, Link, form_of
+from app.services.recordings.stores.interface import KEPT, InternalRedirect, SignedUrl, form_of
 from app.services.runtime.errors import StoreAwayError
 from app.web.http import video_file
 from app.web.http.security import AppDep
@@ -91,12 +91,12 @@ def _source(app: AppContext, name: str) -> Source:
 
 def _answer(app: AppContext, public_id: str, source: Source, request: Request) -> Response:
     """The video that is there."""
-    place = app.recordings.hand_out(source, head=request.method == "HEAD")
-    if isinstance(place, Link):
+    place = app.recordings.serve(source, head=request.method == "HEAD")
+    if isinstance(place, SignedUrl):
         kept = f"private, max-age={place.seconds}"
         return RedirectResponse(place.url, 307, headers={"Cache-Control": kept})
     headers = {"Cache-Control": KEPT, "ETag": _etag(public_id)}
-    if isinstance(place, Errand):
+    if isinstance(place, InternalRedirect):
         # No body: the proxy puts the file in its place, or the part that was asked for.
         sent_by_proxy = {TO_PROXY: place.address, **headers}
         return Response(media_type=form_of(place.address), headers=sent_by_proxy)

@@ -211,7 +211,7 @@ def _draft_page(
     refused: Sequence[str] = (),
     status: int = 200,
 ) -> Response:
-    jobs.revive(app)
+    jobs.restart_stalled(app)
     checked = drafts.check(app, draft)
     files = drafts.files(draft)
     present = {file.name for file in files}

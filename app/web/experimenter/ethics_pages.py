@@ -53,7 +53,7 @@ def make(study: DesignOf, request: Request, app: AppDep, caller: SignedIn) -> Re
         for language in study.plan.languages
         for name, html in snapshots(request, app, study, language)
     }
-    bundle.ask(app, caller, study, pages)
+    bundle.request_bundle(app, caller, study, pages)
     return RedirectResponse(f"/studies/{study.slug}/ethics", status_code=303)
 
 

@@ -7,7 +7,7 @@ from typing import Final, Literal
 
 from fastapi.responses import Response
 
-from app.services.results.result import Found, as_csv
+from app.services.results.result import Result, as_csv
 from app.services.runtime.errors import NotFoundError
 from app.services.studies.repository import StudyInfo
 
@@ -23,7 +23,7 @@ _MEDIA_TYPES: Final = {
 
 
 def figure(
-    name: str, found: Found, study: StudyInfo, form: Form, theme: Theme, file: str
+    name: str, found: Result, study: StudyInfo, form: Form, theme: Theme, file: str
 ) -> Response:
     """The finding in this form; `file` is what it is called where it is saved.
 
@@ -36,7 +36,7 @@ def figure(
     return Response(_content(name, found, study, form, theme), 200, headers, _MEDIA_TYPES[form])
 
 
-def _content(name: str, found: Found, study: StudyInfo, form: Form, theme: Theme) -> bytes | str:
+def _content(name: str, found: Result, study: StudyInfo, form: Form, theme: Theme) -> bytes | str:
     if form == "csv":
         return as_csv(found.rows)
     if form == "json":
@@ -53,7 +53,7 @@ def _content(name: str, found: Found, study: StudyInfo, form: Form, theme: Theme
     return drawing if form == "svg" else png(drawing)
 
 
-def _drawn(name: str, found: Found, study: StudyInfo, theme: Theme) -> str:
+def _drawn(name: str, found: Result, study: StudyInfo, theme: Theme) -> str:
     from app.figures import in_the_dark  # noqa: PLC0415
     from app.services.results.charts import draw  # noqa: PLC0415
 

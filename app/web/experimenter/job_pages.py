@@ -16,7 +16,7 @@ router = APIRouter(include_in_schema=False)
 
 @router.get("/jobs/{public_id}")
 def look(public_id: str, app: AppDep, caller: SignedIn) -> dict[str, Any]:
-    info = jobs.look(app, caller, public_id)
+    info = jobs.status(app, caller, public_id)
     return {
         "state": info.state,
         "done": info.done,

@@ -13,7 +13,7 @@ from app.services.arrival import entry_links
 from app.services.context import AppContext
 from app.services.export import TABLES
 from app.services.monitoring import overview as watching
-from app.services.monitoring.change_token import stamp
+from app.services.monitoring.change_token import change_token
 from app.services.monitoring.data_quality import LABELS, RULES
 from app.services.studies import access, session_modes
 from app.services.studies.access import Right
@@ -101,7 +101,7 @@ async def events(
         asking = signed_in_now(request)
         if asking is None or not access.may(app, asking, study.slug, Right.DATA):
             return None
-        return stamp(app, study.id, modes, study.plan.lease_minutes)
+        return change_token(app, study.id, modes, study.plan.lease_minutes)
 
     return event_stream(changes(now, last_event_id or known, stopping), ended)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from fastapi import APIRouter, Request
 from fastapi.responses import Response
 
-from app.services.monitoring.session_detail import story
+from app.services.monitoring.session_detail import session_detail
 from app.services.results.trial_learning import LEARNING, find
 from app.services.runtime.errors import NotFoundError
 from app.web.http.security import AppDep
@@ -27,7 +27,7 @@ def session(
         caller,
         study,
         "session",
-        story=story(app, study, session_id),
+        story=session_detail(app, study, session_id),
     )
 
 

@@ -10,7 +10,7 @@ from starlette.datastructures import Headers
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from app.services.context import AppContext
-from app.services.failure_counter import Kind, Where
+from app.services.failure_counter import FailureContext, Kind
 
 from . import session_paths
 from .security import bearer
@@ -72,14 +72,14 @@ def _kind(path: str, status: int) -> Kind | None:
     return Kind.PAGE if is_page else Kind.CALL
 
 
-def _where(scope: Scope) -> Where | None:
+def _where(scope: Scope) -> FailureContext | None:
     named: dict[str, Any] = scope.get("path_params", {})
     headers = Headers(scope=scope)
     app: AppContext = scope["app"].state.app
     if shown := app.addresses.opened(named.get("public_id", "")):
-        return Where(session_id=shown.session_id)
+        return FailureContext(session_id=shown.session_id)
     _, slug = session_paths.of_header(headers.get(_STUDY_HEADER, ""))
-    return Where.of(
+    return FailureContext.of(
         named.get("slug") or slug or None,
         bearer(headers.get("authorization")),
         named.get("public_id"),

@@ -19,7 +19,7 @@ from app.services.context import AppContext
 from app.services.drafts import uploads
 from app.services.runtime import errors
 from app.storage.commit import CommitLostError
-from app.storage.integrity_errors import is_clash
+from app.storage.integrity_errors import is_conflict
 from app.study import protocol
 from app.study.shortening import shortened
 
@@ -269,7 +269,7 @@ async def _not_storable(request: Request, _error: Exception) -> Response:
 
 async def _clash(request: Request, error: Exception) -> Response:
     """Two did the same at once, and this one came second: nothing of it was stored."""
-    if not is_clash(error):
+    if not is_conflict(error):
         raise error
     assert isinstance(error, IntegrityError)
     log.warning("two did the same at once: %s", error.orig)

@@ -9,7 +9,7 @@ from typing import Any, cast
 
 import pytest
 
-from app.services.recordings.addresses import Shown, VideoAddresses, is_of_session
+from app.services.recordings.addresses import AddressedRecording, VideoAddresses, is_of_session
 from app.services.server_secret import ServerSecret
 from app.storage.models.studies import SessionRow
 
@@ -27,7 +27,7 @@ def test_an_address_opens_to_what_was_sealed_and_is_the_same_each_time() -> None
     assert addresses().of(session(), 3, (0, 1)) == made
     assert re.fullmatch(r"[A-Za-z0-9_-]{46}", made)
     shown = addresses().opened(made)
-    assert shown == Shown(7, 2**48 - 1, 3)
+    assert shown == AddressedRecording(7, 2**48 - 1, 3)
     assert is_of_session(shown, 2**48 - 1)
     assert not is_of_session(shown, 1)
 

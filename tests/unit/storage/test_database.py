@@ -16,7 +16,7 @@ from app.storage import database as doors
 from app.storage.commit import CommitLostError
 from app.storage.database import Database
 from app.storage.models.studies import Study
-from app.storage.task_queue import connector_of
+from app.storage.task_queue import procrastinate_connector
 
 
 def study(slug: str) -> Study:
@@ -122,7 +122,7 @@ def test_every_connection_to_postgresql_is_told_when_its_server_is_gone(
     url = "postgresql+psycopg://somebody@nowhere.example/studio?keepalives_idle=60"
     Database(url).close()
     # The server's connections, and those of workers to their queue.
-    asked.append(connector_of(url)._pool_args["kwargs"])
+    asked.append(procrastinate_connector(url)._pool_args["kwargs"])
     assert len(asked) == 2
     for one in asked:
         assert (one["connect_timeout"], one["tcp_user_timeout"]) == (10, 20_000)

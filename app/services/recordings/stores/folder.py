@@ -13,7 +13,7 @@ from pathlib import Path
 
 from app.services.runtime.errors import StoreAwayError
 
-from .interface import Errand
+from .interface import InternalRedirect
 
 #: Names that mean the same to every proxy, encoded or not, and lead nowhere else: a hash and an
 #: ending. All names are such, unless somebody finds a way to another one: that we send ourselves.
@@ -68,7 +68,7 @@ class FolderStore:
                 part.unlink()
             raise StoreAwayError(f"the video could not be kept: {error.strerror}") from error
 
-    def bring(self, name: str, target: Path) -> bool:
+    def copy_to(self, name: str, target: Path) -> bool:
         """Without a copy where the disk can do that: nothing ever writes into a kept file."""
         if self._size(name) is None:
             return False
@@ -81,17 +81,17 @@ class FolderStore:
             shutil.copyfile(self._folder / name, target)
         return True
 
-    def throw_away(self, names: Iterable[str]) -> None:
+    def delete(self, names: Iterable[str]) -> None:
         for name in names:
             try:
                 (self._folder / name).unlink(missing_ok=True)
             except OSError as error:
                 raise StoreAwayError(f"a video could not be deleted: {error.strerror}") from error
 
-    def hand_out(self, name: str, *, head: bool) -> Path | Errand:
+    def serve(self, name: str, *, head: bool) -> Path | InternalRedirect:
         if self._address is None or not _PLAIN.fullmatch(name):
             return self._folder / name
-        return Errand(f"{self._address}/{name}")
+        return InternalRedirect(f"{self._address}/{name}")
 
     def fault(self) -> str | None:
         """None: whether the studio's folders can be written to is looked at for all of them."""

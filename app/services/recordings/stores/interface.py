@@ -16,7 +16,7 @@ KEPT = "private, max-age=604800, immutable"
 
 
 @dataclass(frozen=True)
-class Link:
+class SignedUrl:
     """Where a browser gets a file itself, and for how many more seconds it may be sent there."""
 
     url: str
@@ -24,7 +24,7 @@ class Link:
 
 
 @dataclass(frozen=True)
-class Errand:
+class InternalRedirect:
     """A file that the proxy in front sends in our place, by its address there."""
 
     address: str
@@ -51,13 +51,13 @@ class Store(Protocol):
     def put(self, name: str, file: Path) -> None:
         """Keep a copy of the file under this name, unless there is one. May ask a network."""
 
-    def bring(self, name: str, target: Path) -> bool:
+    def copy_to(self, name: str, target: Path) -> bool:
         """Make `target` the file of this name; False if there is none. May ask a network."""
 
-    def throw_away(self, names: Iterable[str]) -> None:
+    def delete(self, names: Iterable[str]) -> None:
         """Delete files; those that are not there are none to delete. May ask a network."""
 
-    def hand_out(self, name: str, *, head: bool) -> Path | Link | Errand:
+    def serve(self, name: str, *, head: bool) -> Path | SignedUrl | InternalRedirect:
         """How whoever asks gets the file, by a GET or, if `head`, by a HEAD. Asks no network."""
 
     def fault(self) -> str | None:

@@ -61,7 +61,7 @@ class Bucket:
             raise ValueError(f"expected the name of a file, got the path {name!r}")
         return "/".join(part for part in (self._prefix, folder, name) if part)
 
-    def ask(self, operation: str, **words: Any) -> Mapping[str, Any] | None:
+    def call(self, operation: str, **words: Any) -> Mapping[str, Any] | None:
         """The store's answer; None where there is no such thing. Raises StoreAwayError."""
         now = time.monotonic()
         if now < self._away_until:
@@ -69,7 +69,7 @@ class Bucket:
         if self._away_until:
             # One looks whether it is back; nobody else waits for that.
             self._away_until = now + AWAY_S
-        with self.patiently():
+        with self.errors_as_store_away():
             try:
                 answer: Mapping[str, Any] = getattr(self._client, operation)(
                     Bucket=self._name, **words
@@ -86,7 +86,7 @@ class Bucket:
         return answer
 
     @contextmanager
-    def patiently(self) -> Iterator[None]:
+    def errors_as_store_away(self) -> Iterator[None]:
         """What goes wrong on the way to the store becomes StoreAwayError."""
         try:
             yield
@@ -97,7 +97,7 @@ class Bucket:
 
     def sign(self, operation: str, key: str, seconds: int, **words: Any) -> str:
         """A link by which whoever has it may do this one thing for so long. Asks no network."""
-        with self.patiently():
+        with self.errors_as_store_away():
             link: str = self._signer.generate_presigned_url(
                 operation,
                 Params={"Bucket": self._name, "Key": key, **words},

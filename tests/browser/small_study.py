@@ -34,6 +34,12 @@ queries_per_trial: 4
 break_s: 0
 """
 
+BILINGUAL_PLAN = (
+    SMALL_PLAN.replace("languages: [en]", "languages: [en, ja]")
+    .replace("title: Small", "title: {en: Small, ja: 小さな調査}")
+    .replace("{label: I don't like either.}", "{label: {en: Neither, ja: どちらも良くない}}")
+)
+
 
 def write_small_study(folder: Path, plan: str = SMALL_PLAN, candidates: int = CANDIDATES) -> Path:
     """The folder: candidates of three recordings each, two seconds long."""

@@ -11,14 +11,12 @@ from playwright.sync_api import Browser, Page, expect
 from .evaluator import answer, watch
 from .for_everyone import violations
 from .server import Server
-from .small_study import SMALL_PLAN
+from .small_study import BILINGUAL_PLAN
 
 PLAN = (
-    SMALL_PLAN.replace("languages: [en]", "languages: [en, ja]")
-    .replace("title: Small", "title: {en: Small, ja: 小さな調査}")
-    .replace("{label: I don't like either.}", "{label: {en: Neither, ja: どちらも良くない}}")
-    .replace("queries_per_trial: 4", "queries_per_trial: 1\ntrials_per_condition: 2")
-    .replace("break_s: 0", "break_s: 4")
+    BILINGUAL_PLAN.replace(
+        "queries_per_trial: 4", "queries_per_trial: 1\ntrials_per_condition: 2"
+    ).replace("break_s: 0", "break_s: 4")
     + """
 device_check: {test_clip: true, min_width_px: 300, min_mbit_s: 0.01}
 familiarisation: {videos: 2, required: 1, speeds: [1, 4]}

@@ -9,11 +9,25 @@ from playwright.sync_api import Page, expect
 
 from .evaluator import answer, enter_small, query_on_screen, watch
 from .server import Server
-from .small_study import SMALL_PLAN
+from .small_study import BILINGUAL_PLAN, SMALL_PLAN
 from .test_faults import stored_responses
 from .test_odd_browsers import BREAK_PLAN
 
 Serve = Callable[[str], Server]
+
+#: Windows of laptops, a tablet held upright, and one as narrow as a phone.
+WINDOWS = [
+    (1280, 600),
+    (1366, 657),
+    (1536, 730),
+    (1440, 900),
+    (1024, 768),
+    (768, 900),
+    (768, 1024),
+    (360, 740),
+]
+
+EIGHT_PAIRS = BILINGUAL_PLAN.replace("queries_per_trial: 4", "queries_per_trial: 8")
 
 SCROLLING = ("ArrowDown", "Space", "PageDown", "End", "ArrowUp", "PageUp", "Home")
 
@@ -66,18 +80,19 @@ def test_the_page_names_the_keys_that_work(page: Page, serve: Serve) -> None:
     expect(page.locator("kbd.key", has_text="Space")).to_be_visible()
 
 
-@pytest.mark.parametrize("size", [(1280, 600), (1366, 657), (1536, 730), (1440, 900), (1024, 768)])
-def test_in_the_window_of_an_ordinary_laptop_all_keys_work(
-    page: Page, serve: Serve, size: tuple[int, int]
-) -> None:
-    page.set_viewport_size({"width": size[0], "height": size[1]})
-    server = serve(SMALL_PLAN)
-    enter_small(page, f"{server.url}/s/small")
-    height = page.evaluate("document.documentElement.scrollHeight")
-    assert height <= size[1]
-    answer(page, "skip", by="key")
-    watch(page)
-    assert stored_responses(server) == ["skip"]
+@pytest.mark.parametrize("language", ["en", "ja"])
+def test_in_every_ordinary_window_all_keys_work(page: Page, serve: Serve, language: str) -> None:
+    server = serve(EIGHT_PAIRS)
+    page.set_viewport_size({"width": WINDOWS[0][0], "height": WINDOWS[0][1]})
+    enter_small(page, f"{server.url}/s/small?lang={language}")
+    for width, height in WINDOWS:
+        page.set_viewport_size({"width": width, "height": height})
+        needed = page.evaluate("document.documentElement.scrollHeight")
+        assert needed <= height, f"{needed} px in a window of {width} by {height}"
+        answer(page, "skip", by="key")
+        if (width, height) != WINDOWS[-1]:
+            watch(page)
+    assert stored_responses(server) == ["skip"] * len(WINDOWS)
 
 
 def test_the_arrows_work_after_a_button_was_used_by_keyboard(page: Page, serve: Serve) -> None:

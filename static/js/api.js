@@ -3,7 +3,7 @@
  *
  * @typedef {{url: string, duration_s: number}} Recording
  * @typedef {{id: string, left: Recording, right: Recording, skip: null | Skip, prefetch: string[], watch_once?: boolean, undo?: {query_id: string, seconds_left: number}}} Query
- * @typedef {{label: string, reasons?: import("./reasons.js").Reason[]}} Skip
+ * @typedef {{label: string, reasons?: import("./skip_reasons.js").Reason[]}} Skip
  * @typedef {{trial: number, trials: number, query: number, queries: number}} Progress
  * @typedef {{
  *   stage: string, progress: Progress, study: {break_s: number, stages: string[]}, query?: Query,

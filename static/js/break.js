@@ -6,7 +6,7 @@ import { SessionApi } from "./api.js";
 import { Countdown, clockFace } from "./countdown.js";
 import { announce, byId, stateOfPage } from "./dom.js";
 import { isReady } from "./failure.js";
-import { gettext } from "./words.js";
+import { gettext } from "./i18n.js";
 
 const api = new SessionApi(byId("break").dataset.slug ?? "");
 const clock = byId("clock");

@@ -4,7 +4,7 @@
  */
 
 import { now } from "./dom.js";
-import { gettext } from "./words.js";
+import { gettext } from "./i18n.js";
 
 export class Countdown {
   /** @type {ReturnType<typeof setTimeout> | undefined} */

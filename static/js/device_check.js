@@ -3,11 +3,11 @@
  */
 
 import { Refused, SessionApi, mayPass } from "./api.js";
-import { Clip } from "./clip.js";
+import { Player } from "./player.js";
 import { announce, byId, now, stateOfPage, wantsLessMotion, within } from "./dom.js";
 import { isReady, showFailure } from "./failure.js";
 import { Preloader } from "./preloader.js";
-import { gettext } from "./words.js";
+import { gettext } from "./i18n.js";
 
 /** The line is measured so many times; the best counts, since a first fetch also waits for the video to be made. */
 const MEASUREMENTS = 2;
@@ -40,13 +40,13 @@ const ADVICE = {
 const measured = { width_px: 0, played: false, mbit_s: null };
 /** Who asked for less motion starts the video by a press. */
 let mayPlay = !wantsLessMotion();
-/** @type {Clip | null} */
+/** @type {Player | null} */
 let clip = null;
 /** @type {ReturnType<typeof setTimeout> | undefined} */
 let patience;
 
 if (check.test_clip) {
-  clip = new Clip(within(page, ".player"), new Preloader(), {
+  clip = new Player(within(page, ".player"), new Preloader(), {
     onReady: () => (mayPlay ? play() : settle("clip", false)),
     onStalled: () => {},
     onFailed: () => settle("clip", false),

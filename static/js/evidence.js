@@ -62,7 +62,7 @@ export class EvidenceLog {
    * @param {string} queryId
    * @param {import("./api.js").Response} response
    * @param {number} pressedAt milliseconds on the page's clock
-   * @param {import("./pair.js").Pair} pair
+   * @param {import("./synced_pair.js").SyncedPair} pair
    * @returns {import("./api.js").Answer}
    */
   answer(queryId, response, pressedAt, pair) {
@@ -80,20 +80,20 @@ export class EvidenceLog {
    * The record as it stands when a video is said not to play.
    * @param {string} queryId
    * @param {string} how it was noticed
-   * @param {import("./pair.js").Pair} pair
+   * @param {import("./synced_pair.js").SyncedPair} pair
    * @returns {import("./api.js").Fault}
    */
   fault(queryId, how, pair) {
-    const seen = pair.clips.map(({ side, state }) => `${side}: ${state}`);
+    const seen = pair.players.map(({ side, state }) => `${side}: ${state}`);
     return { query_id: queryId, reason: [how, ...seen].join("; "), events: this.#close(pair), events_left_out: this.#leftOut };
   }
 
   /**
-   * @param {import("./pair.js").Pair} pair
+   * @param {import("./synced_pair.js").SyncedPair} pair
    * @returns {import("./api.js").Evidence[]} all of it, with what can only be told in the end
    */
   #close(pair) {
-    for (const { side, video } of pair.clips) {
+    for (const { side, video } of pair.players) {
       attempt(() => this.add("watched", side, Math.round(watchedFraction(video) * 1000) / 1000));
       this.add("width", side, Math.round(video.clientWidth));
       attempt(() => this.add("dropped_frames", side, video.getVideoPlaybackQuality?.().droppedVideoFrames ?? null));

@@ -3,13 +3,13 @@
  */
 
 import { Refused, SessionApi, mayPass } from "./api.js";
-import { Clip } from "./clip.js";
+import { Player } from "./player.js";
 import { announce, byId, focusHeading, pause, stateOfPage, wantsLessMotion, within } from "./dom.js";
 import { isReady, showFailure } from "./failure.js";
-import { keep, kept } from "./kept.js";
+import { store, stored } from "./storage.js";
 import { listenForKeys } from "./keys.js";
 import { Preloader } from "./preloader.js";
-import { gettext } from "./words.js";
+import { gettext } from "./i18n.js";
 
 /** A rest between two videos, so that one can be told from the next. */
 const REST_MS = 800;
@@ -35,7 +35,7 @@ let playsByItself = !wantsLessMotion();
 /** @type {ReturnType<typeof setTimeout> | undefined} */
 let rest;
 
-const clip = new Clip(within(reel, ".player"), preloader, {
+const player = new Player(within(reel, ".player"), preloader, {
   onReady: () => {
     if (playsByItself) {
       play();
@@ -47,7 +47,7 @@ const clip = new Clip(within(reel, ".player"), preloader, {
   onHesitating: () => {},
   onEvent: () => {},
 });
-const { video } = clip;
+const { video } = player;
 const speedButtons = /** @type {HTMLButtonElement[]} */ ([...reel.querySelectorAll("button[data-speed]")]);
 
 /** @param {number} to */
@@ -58,7 +58,7 @@ function go(to) {
   clearTimeout(rest);
   index = to;
   preloader.settle([videos[index].url]);
-  clip.show(videos[index].url);
+  player.show(videos[index].url);
   byId("position").textContent = gettext("Video %(number)s of %(total)s", { number: index + 1, total: videos.length });
   previous.setAttribute("aria-disabled", String(index === 0));
   next.setAttribute("aria-disabled", String(index === videos.length - 1));
@@ -149,12 +149,12 @@ function useSpeed(speed) {
   for (const button of speedButtons) {
     button.setAttribute("aria-pressed", String(Number(button.dataset.speed) === speed));
   }
-  keep("sessionStorage", speedKey, speed);
+  store("sessionStorage", speedKey, speed);
 }
 
 /** @returns {number} the speed last chosen, if it is still offered */
 function keptSpeed() {
-  const before = Number(kept("sessionStorage", speedKey) ?? NaN);
+  const before = Number(stored("sessionStorage", speedKey) ?? NaN);
   return familiarisation.speeds.includes(before) ? before : familiarisation.speeds[0];
 }
 

@@ -4,7 +4,7 @@
  */
 
 import { announce, byId, within } from "./dom.js";
-import { patch } from "./patch.js";
+import { morph } from "./dom_morph.js";
 import { Unreachable, request } from "./request.js";
 import { showLocalTimes } from "./times.js";
 
@@ -76,7 +76,7 @@ function watch(line) {
       throw new Error("expected the part that changes");
     }
     showLocalTimes(fresh);
-    patch(byId("watching"), fresh);
+    morph(byId("watching"), fresh);
     if (Date.now() - announcedAt >= BETWEEN_ANNOUNCEMENTS) {
       announcedAt = Date.now();
       const numbers = [...document.querySelectorAll('[data-testid="counts"] > div')].slice(0, 2);

@@ -5,7 +5,7 @@
 
 import { mayPass } from "./api.js";
 import { pause } from "./dom.js";
-import { forget, keep, kept } from "./kept.js";
+import { remove, store, stored } from "./storage.js";
 
 /** Seconds between attempts; the last one repeats. */
 const BACKOFF_S = [1, 2, 4, 8, 15];
@@ -31,18 +31,18 @@ export class Outbox {
    * @returns {Promise<import("./api.js").State>}
    */
   async send(answer) {
-    keep("localStorage", this.key, answer);
+    store("localStorage", this.key, answer);
     for (let attempt = 0; ; attempt += 1) {
       try {
         const state = await this.api.respond(answer);
-        forget("localStorage", this.key);
+        remove("localStorage", this.key);
         if (attempt > 0) {
           this.listener.onSaved();
         }
         return state;
       } catch (error) {
         if (!mayPass(error)) {
-          forget("localStorage", this.key);
+          remove("localStorage", this.key);
           throw error;
         }
         this.listener.onLate();
@@ -65,7 +65,7 @@ export class Outbox {
    * @returns {import("./api.js").Answer | null}
    */
   unsaved(queryId) {
-    const answer = /** @type {import("./api.js").Answer | null} */ (kept("localStorage", this.key));
+    const answer = /** @type {import("./api.js").Answer | null} */ (stored("localStorage", this.key));
     return answer?.query_id === queryId ? answer : null;
   }
 }

@@ -10,13 +10,13 @@ import { isReady, showFailure } from "./failure.js";
 import { sendByForm } from "./form.js";
 import { listenForKeys } from "./keys.js";
 import { Outbox } from "./outbox.js";
-import { Pace } from "./pace.js";
-import { Pair } from "./pair.js";
+import { Eta } from "./eta.js";
+import { SyncedPair } from "./synced_pair.js";
 import { Preloader } from "./preloader.js";
-import { Reasons } from "./reasons.js";
-import { Theatre } from "./theatre.js";
+import { SkipReasons } from "./skip_reasons.js";
+import { Fullscreen } from "./fullscreen.js";
 import { Undo } from "./undo.js";
-import { gettext } from "./words.js";
+import { gettext } from "./i18n.js";
 
 /** A press this soon after both videos of a new pair have begun to play was meant for the pair before. */
 const GUARD_MS = 700;
@@ -44,8 +44,8 @@ const slug = byId("query").dataset.slug ?? "";
 const api = new SessionApi(slug);
 const preloader = new Preloader();
 const evidence = new EvidenceLog();
-const pace = new Pace(slug);
-const reasons = new Reasons(byId("reasons"));
+const eta = new Eta(slug);
+const skipReasons = new SkipReasons(byId("reasons"));
 const heading = within(document, "h1");
 const question = heading.textContent ?? "";
 const start = byId("start");
@@ -70,7 +70,7 @@ let seen = true;
 /** Whether this pair has played for so long that a press is meant for it. */
 let settled = false;
 
-const pair = new Pair(within(stage, '.player[data-side="left"]'), within(stage, '.player[data-side="right"]'), preloader, {
+const pair = new SyncedPair(within(stage, '.player[data-side="left"]'), within(stage, '.player[data-side="right"]'), preloader, {
   onFirstPlaying(at) {
     evidence.bothPlaying(at);
     missing = 0;
@@ -113,7 +113,7 @@ const pair = new Pair(within(stage, '.player[data-side="left"]'), within(stage, 
 });
 const buttons = new AnswerButtons(stage, (response, event) => respond(response, event));
 const undo = new Undo(byId("undo"), (queryId) => takeBack(queryId));
-new Theatre(byId("enlarge"), (enlarged) => evidence.add("fullscreen", null, enlarged ? 1 : 0));
+new Fullscreen(byId("enlarge"), (enlarged) => evidence.add("fullscreen", null, enlarged ? 1 : 0));
 const outbox = new Outbox(api, {
   onLate: () => warn(gettext("Not saved yet. Your answer is kept here, and sent again by itself."), gettext("Try now"), () => outbox.tryNow()),
   onSaved: () => announce(gettext("Saved.")),
@@ -131,7 +131,7 @@ function show() {
   settled = false;
   seen = !query.watch_once;
   heading.textContent = seen ? question : gettext("Watch both to the end");
-  reasons.dismiss();
+  skipReasons.dismiss();
   start.hidden = true;
   notice.hidden = true;
   faultButton.setAttribute("aria-disabled", "false");
@@ -167,7 +167,7 @@ function sayTimeLeft() {
   const { trial, query: number } = state.progress;
   const afterPractice = state.study.stages.includes("practice") && trial === 1 && number === 1;
   if (state.stage === "query" && !afterPractice) {
-    byId("time-left").textContent = pace.left(state.progress, state.study.break_s);
+    byId("time-left").textContent = eta.left(state.progress, state.study.break_s);
   }
 }
 
@@ -199,7 +199,7 @@ function say() {
  */
 async function respond(response, event) {
   keepKeysWorking(event);
-  if (!buttons.isOpen || reasons.isOpen) {
+  if (!buttons.isOpen || skipReasons.isOpen) {
     return;
   }
   const { id } = query;
@@ -218,7 +218,7 @@ async function take(response, event) {
   evidence.add("pressed", null, event instanceof KeyboardEvent ? "key" : "button");
   const offered = response === "skip" ? query.skip?.reasons : undefined;
   const mine = turn;
-  const reason = offered ? await reasons.ask(offered) : undefined;
+  const reason = offered ? await skipReasons.ask(offered) : undefined;
   if (offered) {
     focusHeading();
   }
@@ -247,7 +247,7 @@ async function send(answer) {
     undo.withdraw();
     faultButton.setAttribute("aria-disabled", "true");
     buttons.confirm(answer.response);
-    pace.took((now() - shownAt) / 1000);
+    eta.took((now() - shownAt) / 1000);
   });
   let next;
   let told = "";

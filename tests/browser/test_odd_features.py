@@ -153,7 +153,7 @@ def test_a_request_that_cannot_be_made_is_told_from_a_broken_line(page: Page, se
     assert page.evaluate(outcome, {"method": "GET"}) == "unreachable"
 
 
-@pytest.mark.parametrize("script", ["outbox.js", "query.js", "words.js"])
+@pytest.mark.parametrize("script", ["outbox.js", "query.js", "i18n.js"])
 def test_where_a_script_of_ours_does_not_load_the_page_says_so_and_takes_the_answer(
     page: Page, serve: Serve, script: str
 ) -> None:
@@ -200,17 +200,17 @@ def test_the_first_page_says_what_a_browser_lacks(page: Page, serve: Serve, welc
     url = f"{server.url}/s/small"
     page.goto(url)
     page.wait_for_function("() => document.documentElement.dataset.modules === 'ready'")
-    expect(page.get_by_test_id("door")).to_be_hidden()
+    expect(page.get_by_test_id("browser-support")).to_be_hidden()
 
     page.add_init_script("delete window.CSSLayerBlockRule")
     page.goto(url)
-    expect(page.get_by_test_id("door")).to_contain_text("side by side")
-    expect(page.get_by_test_id("door").get_by_role("listitem")).to_have_count(1)
+    expect(page.get_by_test_id("browser-support")).to_contain_text("side by side")
+    expect(page.get_by_test_id("browser-support").get_by_role("listitem")).to_have_count(1)
 
     page.add_init_script("HTMLMediaElement.prototype.canPlayType = () => ''")
-    page.route("**/pair.js", abort)
+    page.route("**/synced_pair.js", abort)
     page.goto(url)
-    expect(page.get_by_test_id("door").get_by_role("listitem")).to_have_count(3)
+    expect(page.get_by_test_id("browser-support").get_by_role("listitem")).to_have_count(3)
     expect(page.get_by_test_id("consent")).to_be_visible()
 
 

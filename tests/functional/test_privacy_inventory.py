@@ -70,10 +70,10 @@ def test_whatever_hangs_on_a_person_is_about_evaluators() -> None:
 def test_every_place_in_the_browser_has_a_topic() -> None:
     found = set()
     for script in (ROOT / "static" / "js").rglob("*.js"):
-        if script.name == "kept.js":
+        if script.name == "storage.js":
             continue  # what the others write through
         for storage in re.findall(
-            r'keep\(\s*"(localStorage|sessionStorage)"|\b(localStorage|sessionStorage)\.setItem'
+            r'store\(\s*"(localStorage|sessionStorage)"|\b(localStorage|sessionStorage)\.setItem'
             r"|document\.(cookie)\s*=|\b(indexedDB|caches)\.open",
             script.read_text("utf-8"),
         ):

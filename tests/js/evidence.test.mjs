@@ -8,7 +8,7 @@ import { EvidenceLog } from "../../static/js/evidence.js";
 const KEPT_BY_THE_SERVER = 60;
 
 function pairOf(...played) {
-  const clips = played.map((ranges, index) => ({
+  const players = played.map((ranges, index) => ({
     side: index ? "right" : "left",
     state: "playing",
     video: {
@@ -17,7 +17,7 @@ function pairOf(...played) {
       played: { length: ranges.length, start: (at) => ranges[at][0], end: (at) => ranges[at][1] },
     },
   }));
-  return { clips, worstDrift: 3.4 };
+  return { players, worstDrift: 3.4 };
 }
 
 const WATCHED = pairOf([[0, 4], [6, 9]], [[0, 10]]);

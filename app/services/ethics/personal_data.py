@@ -129,8 +129,8 @@ OTHERS = frozenset(
 BROWSER: Mapping[str, Topic] = {
     "localStorage outbox.js": Topic.BROWSER,
     "sessionStorage familiarisation.js": Topic.BROWSER,
-    "sessionStorage pace.js": Topic.BROWSER,
-    "cookie browser_cookies.py": Topic.BROWSER,
+    "sessionStorage eta.js": Topic.BROWSER,
+    "cookie session_cookies.py": Topic.BROWSER,
     "cookie leaving_pages.py": Topic.BROWSER,
     "cookie known_devices.py": Topic.NOT_EVALUATORS,
     "cookie sign_in_pages.py": Topic.NOT_EVALUATORS,

@@ -38,7 +38,7 @@ NAMES: Final = frozenset(
     (
         *("shown", "visible", "hidden", "blur", "focus", "fullscreen", "pressed", "replay"),
         *("playing", "ended", "retry", "recovered", "stall", "halted", "error", "start_skew"),
-        *("watched", "width", "dropped_frames", "worst_drift", "replays"),
+        *("watched", "width", "dropped_frames", "worst_drift", "replays", "sent_by_form"),
         *("play", "pause", "stalled", "waiting", "seeking", "seeked", "ratechange", "canplay"),
     )
 )

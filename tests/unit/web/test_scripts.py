@@ -31,7 +31,7 @@ TOO_NEW = (
 )
 
 #: In plain old words: browsers that cannot read the others run these.
-PLAIN = ("door.js", "fallback.js")
+PLAIN = ("browser_support.js", "fallback.js")
 
 
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda path: path.name)

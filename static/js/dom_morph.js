@@ -1,13 +1,13 @@
 /**
- * Make a part of the page like a newer one, and leave everything that is alike as it is: so the focus, the
- * selection and the scroll stay where they are.
+ * Changes a part of the page into a newer version of it and leaves equal nodes in place, so that focus, selection and
+ * scroll position are kept.
  */
 
 /**
  * @param {Element} now on the page
  * @param {Element} next as it is to be; its parts may be taken out of it
  */
-export function patch(now, next) {
+export function morph(now, next) {
   if (now.isEqualNode(next)) {
     return;
   }
@@ -22,9 +22,9 @@ export function patch(now, next) {
     }
   }
   if (next.hasAttribute("data-keyed")) {
-    patchKeyed(now, next);
+    morphKeyed(now, next);
   } else {
-    patchInOrder(now, next);
+    morphInOrder(now, next);
   }
 }
 
@@ -33,7 +33,7 @@ export function patch(now, next) {
  * @param {Element} now
  * @param {Element} next
  */
-function patchKeyed(now, next) {
+function morphKeyed(now, next) {
   const known = new Map([...now.children].map((child) => [child.getAttribute("data-key"), child]));
   let place = now.firstElementChild;
   for (const wanted of [...next.children]) {
@@ -44,7 +44,7 @@ function patchKeyed(now, next) {
       continue;
     }
     known.delete(key);
-    patch(child, wanted);
+    morph(child, wanted);
     if (child === place) {
       place = place.nextElementSibling;
     } else {
@@ -60,7 +60,7 @@ function patchKeyed(now, next) {
  * @param {Element} now
  * @param {Element} next
  */
-function patchInOrder(now, next) {
+function morphInOrder(now, next) {
   const wanted = [...next.childNodes];
   [...now.childNodes].slice(wanted.length).forEach((child) => child.remove());
   wanted.forEach((node, index) => {
@@ -68,7 +68,7 @@ function patchInOrder(now, next) {
     if (!child) {
       now.append(node);
     } else if (child instanceof Element && node instanceof Element && child.tagName === node.tagName) {
-      patch(child, node);
+      morph(child, node);
     } else if (child.nodeType === Node.TEXT_NODE && node.nodeType === Node.TEXT_NODE) {
       if (child.textContent !== node.textContent) {
         child.textContent = node.textContent;

@@ -8,10 +8,10 @@
  *   onNoPressNeeded: () => void,
  *   onMissing: (side: string) => void,
  *   onEvent: (event: string, side: string | null, value?: number | null) => void,
- * }} PairListener
+ * }} SyncedPairListener
  */
 
-import { Clip } from "./clip.js";
+import { Player } from "./player.js";
 import { attempt, wantsLessMotion } from "./dom.js";
 
 /** A rest between the end and the next beginning, so that the two can be told apart. */
@@ -33,7 +33,7 @@ const RATE_CHANGE = 0.08;
 /** A seek that takes longer than this will not happen. */
 const SEEK_MS = 2000;
 
-export class Pair {
+export class SyncedPair {
   /** @type {"loading" | "press" | "playing" | "held" | "resting"} */
   phase = "loading";
   /** Milliseconds the two were apart at most, in what was played of this pair; and at its first start. */
@@ -51,28 +51,28 @@ export class Pair {
    * @param {HTMLElement} left
    * @param {HTMLElement} right
    * @param {import("./preloader.js").Preloader} preloader
-   * @param {PairListener} listener
+   * @param {SyncedPairListener} listener
    */
   constructor(left, right, preloader, listener) {
     this.listener = listener;
-    /** @type {import("./clip.js").ClipListener} */
-    const clipListener = {
+    /** @type {import("./player.js").PlayerListener} */
+    const playerListener = {
       onReady: () => this.#ready(),
       onStalled: () => this.#hold("held"),
-      onFailed: (clip) => {
+      onFailed: (player) => {
         this.#hold("loading");
-        if (preloader.isMissing(clip.url)) {
-          listener.onMissing(clip.side);
+        if (preloader.isMissing(player.url)) {
+          listener.onMissing(player.side);
         }
       },
       onHesitating: () => this.#needPress(),
-      onEvent: (event, clip) => listener.onEvent(event, clip.side),
+      onEvent: (event, player) => listener.onEvent(event, player.side),
     };
-    this.left = new Clip(left, preloader, clipListener);
-    this.right = new Clip(right, preloader, clipListener);
-    for (const clip of this.clips) {
-      clip.video.addEventListener("playing", (event) => this.#playing(clip, event.timeStamp));
-      clip.video.addEventListener("ended", () => this.#ended());
+    this.left = new Player(left, preloader, playerListener);
+    this.right = new Player(right, preloader, playerListener);
+    for (const player of this.players) {
+      player.video.addEventListener("playing", (event) => this.#playing(player, event.timeStamp));
+      player.video.addEventListener("ended", () => this.#ended());
     }
     setInterval(() => this.#keepTogether(), COMPARE_MS);
     document.addEventListener("visibilitychange", () => this.#comeBack());
@@ -83,7 +83,7 @@ export class Pair {
     return this.#hasPlayed;
   }
 
-  get clips() {
+  get players() {
     return [this.left, this.right];
   }
 
@@ -115,13 +115,13 @@ export class Pair {
   /** Play both from their beginning because somebody pressed for it. */
   press() {
     this.#pressed = true;
-    if (this.phase === "press" || this.clips.every((clip) => clip.isReady)) {
+    if (this.phase === "press" || this.players.every((player) => player.isReady)) {
       this.#start();
     }
   }
 
   #ready() {
-    if (!this.clips.every((clip) => clip.isReady)) {
+    if (!this.players.every((player) => player.isReady)) {
       return;
     }
     if (this.phase === "held") {
@@ -149,7 +149,7 @@ export class Pair {
   }
 
   #needPress() {
-    if (this.phase === "loading" && this.clips.every((clip) => clip.state !== "failed")) {
+    if (this.phase === "loading" && this.players.every((player) => player.state !== "failed")) {
       this.phase = "press";
       this.listener.onNeedsPress();
     }
@@ -198,20 +198,20 @@ export class Pair {
         this.phase = "loading";
         this.#needPress();
       }
-      // Any other failure is the clip's: it has its own words and its own retry.
+      // Any other failure is handled by the player, which shows a message and retries.
     });
   }
 
   /**
-   * @param {Clip} clip
+   * @param {Player} player
    * @param {number} at milliseconds on the page's clock
    */
-  #playing(clip, at) {
+  #playing(player, at) {
     if (this.#hasPlayed || this.phase !== "playing") {
       return;
     }
-    this.#playingAt.set(clip.side, at);
-    this.listener.onEvent("playing", clip.side);
+    this.#playingAt.set(player.side, at);
+    this.listener.onEvent("playing", player.side);
     if (this.#playingAt.size === 2) {
       this.#hasPlayed = true;
       this.listener.onFirstPlaying(Math.max(...this.#playingAt.values()));

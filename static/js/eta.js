@@ -1,9 +1,9 @@
 /**
- * How long the comparisons still take, from how long they took so far.
+ * Estimates the time left from the durations of the comparisons so far (median of the last nine).
  */
 
-import { keep, kept } from "./kept.js";
-import { gettext } from "./words.js";
+import { store, stored } from "./storage.js";
+import { gettext } from "./i18n.js";
 
 /** Seconds for one comparison before there is anything to go by: a 10 s video and a moment to decide. */
 const FIRST_GUESS_S = 14;
@@ -11,24 +11,24 @@ const FIRST_GUESS_S = 14;
 /** Comparisons that count: a person gets faster, and one pause must not matter. */
 const REMEMBERED = 9;
 
-/** Longer than this, somebody went for a coffee. */
+/** Longer durations are counted as this many seconds: they contain a pause. */
 const LONGEST_S = 120;
 
-export class Pace {
+export class Eta {
   /** @type {number[]} */
   #seconds = [];
 
   /** @param {string} slug */
   constructor(slug) {
     this.key = `pbpo:pace:${slug}`;
-    const before = kept("sessionStorage", this.key);
+    const before = stored("sessionStorage", this.key);
     this.#seconds = Array.isArray(before) ? before.filter(Number.isFinite) : [];
   }
 
   /** @param {number} seconds one comparison took, from pair to pair */
   took(seconds) {
     this.#seconds = [...this.#seconds, Math.min(seconds, LONGEST_S)].slice(-REMEMBERED);
-    keep("sessionStorage", this.key, this.#seconds);
+    store("sessionStorage", this.key, this.#seconds);
   }
 
   /**

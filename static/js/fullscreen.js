@@ -1,8 +1,8 @@
 /**
- * Both videos as large as the screen lets them be: fullscreen where the browser has it, else the whole page.
+ * Enlarges both videos: fullscreen where the browser supports it, otherwise the whole page.
  */
 
-export class Theatre {
+export class Fullscreen {
   /**
    * @param {HTMLElement} button
    * @param {(enlarged: boolean) => void} onChange

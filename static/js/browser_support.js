@@ -1,6 +1,6 @@
 /**
- * On the first page: whether this browser has what the study needs. A plain script in old words, since a browser
- * that lacks something may not read the others at all. The page has the texts; this shows those that apply.
+ * On the first page: checks whether this browser supports what the study needs. A plain ES5 script, since a browser
+ * without some feature may be unable to parse the modules. The page has the texts; this shows those that apply.
  */
 
 (function () {
@@ -18,13 +18,13 @@
       layout: "CSSLayerBlockRule" in window,
       videos: playsVideos()
     };
-    var door = document.getElementById("door");
-    var lines = door ? door.querySelectorAll("[data-needs]") : [];
+    var notice = document.getElementById("browser-support");
+    var lines = notice ? notice.querySelectorAll("[data-needs]") : [];
     for (var index = 0; index < lines.length; index += 1) {
       var lacks = !has[lines[index].getAttribute("data-needs")];
       lines[index].hidden = !lacks;
       if (lacks) {
-        door.hidden = false;
+        notice.hidden = false;
       }
     }
   }

@@ -1,14 +1,14 @@
 /**
- * What the browser keeps for this study from page to page. A browser that keeps nothing is no fault: its storage may
- * be absent, throw or be full, and then everything lives as long as the page does.
+ * Reads and writes JSON values in the browser's storage. Storage that is absent, throws or is full is ignored: values
+ * then last only as long as the page.
  */
 
 /**
  * @param {"localStorage" | "sessionStorage"} where
  * @param {string} key
- * @returns {unknown} what was kept, or null
+ * @returns {unknown} the stored value, or null
  */
-export function kept(where, key) {
+export function stored(where, key) {
   try {
     return JSON.parse(window[where].getItem(key) ?? "null");
   } catch {
@@ -21,11 +21,11 @@ export function kept(where, key) {
  * @param {string} key
  * @param {unknown} value
  */
-export function keep(where, key, value) {
+export function store(where, key, value) {
   try {
     window[where].setItem(key, JSON.stringify(value));
   } catch {
-    // As said above.
+    // Ignored, as stated above.
   }
 }
 
@@ -33,10 +33,10 @@ export function keep(where, key, value) {
  * @param {"localStorage" | "sessionStorage"} where
  * @param {string} key
  */
-export function forget(where, key) {
+export function remove(where, key) {
   try {
     window[where].removeItem(key);
   } catch {
-    // As said above.
+    // Ignored, as stated above.
   }
 }

@@ -1,6 +1,6 @@
 /**
- * What the scripts say, in the page's language. English stands where it is said; a page in another language
- * carries the translations of all of it.
+ * Translates the texts of scripts into the page's language. Scripts contain the English texts; a page in another
+ * language carries the translations of all of them.
  */
 
 const carried = document.getElementById("words")?.textContent;

@@ -7,7 +7,7 @@
 
 import { within } from "./dom.js";
 
-export class Reasons {
+export class SkipReasons {
   /** @type {(name: string | null) => void} */
   #choose = () => {};
 

@@ -1,5 +1,5 @@
 /**
- * Forms that send files: refused here already if they are too large, and shown how far they are.
+ * Forms that upload files: refuses files that are too large before sending, and shows the progress.
  */
 
 import { announce } from "./dom.js";

@@ -2,18 +2,18 @@
  * One player: a <video> that is reused from query to query, and over it what there is to say when it cannot
  * play. A video that fails is tried again by itself, and by a button: there is no dead end.
  *
- * @typedef {"loading" | "ready" | "stalled" | "failed"} ClipState
+ * @typedef {"loading" | "ready" | "stalled" | "failed"} PlayerState
  * @typedef {{
- *   onReady: (clip: Clip) => void,
- *   onStalled: (clip: Clip) => void,
- *   onFailed: (clip: Clip) => void,
+ *   onReady: (player: Player) => void,
+ *   onStalled: (player: Player) => void,
+ *   onFailed: (player: Player) => void,
  *   onHesitating: () => void,
- *   onEvent: (event: string, clip: Clip) => void,
- * }} ClipListener
+ *   onEvent: (event: string, player: Player) => void,
+ * }} PlayerListener
  */
 
 import { within } from "./dom.js";
-import { gettext } from "./words.js";
+import { gettext } from "./i18n.js";
 
 /** A video that takes longer than this to come is being made: the page says that it will come. */
 const SAY_MORE_MS = 2500;
@@ -41,8 +41,8 @@ const SAID = {
   ready: "",
 };
 
-export class Clip {
-  /** @type {ClipState} */
+export class Player {
+  /** @type {PlayerState} */
   state = "loading";
   url = "";
   #turn = 0;
@@ -59,7 +59,7 @@ export class Clip {
   /**
    * @param {HTMLElement} player
    * @param {import("./preloader.js").Preloader} preloader
-   * @param {ClipListener} listener
+   * @param {PlayerListener} listener
    */
   constructor(player, preloader, listener) {
     this.player = player;
@@ -221,7 +221,7 @@ export class Clip {
     this.#timer = setTimeout(() => this.retry(), wait * 1000);
   }
 
-  /** @param {ClipState} state */
+  /** @param {PlayerState} state */
   #enter(state) {
     clearTimeout(this.#timer);
     this.#trying = false;

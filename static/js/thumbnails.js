@@ -1,6 +1,6 @@
 /**
- * Small videos that play while they are pointed at, focused or pressed. One that is there already shows its first
- * picture once it comes near; one that would have to be made is only made when it is asked for.
+ * Thumbnail videos that play while they are hovered, focused or pressed. One that has been rendered shows its first
+ * frame when it is scrolled near; one that has not is rendered only on request.
  */
 
 import { wantsLessMotion } from "./dom.js";

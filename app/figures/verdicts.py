@@ -22,7 +22,7 @@ def verdicts(table: Table, *, x_title: str) -> alt.HConcatChart:
     for panel in distinct(table, "panel"):
         rows = where(table, panel=panel)
         x = alt.X("setting:N", title=x_title, sort=None, axis=alt.Axis(labelAngle=0))
-        y = alt.Y("claim:N", title=None, sort=None, axis=alt.Axis(labelLimit=420))
+        y = alt.Y("claim:N", title=None, sort=None, axis=alt.Axis(labelLimit=600))
         held = (
             alt.Chart(inline(where(rows, holds=True)))
             .mark_square(filled=True, color=COLOURS["pbpo"], size=110, opacity=1)

@@ -13,7 +13,7 @@ NODE_TEST := node --experimental-default-type=module --test-force-exit --test
 # As many processes as processors; one that has nothing left to do takes tests from another.
 PYTEST := $(BIN)/python -m pytest --numprocesses logical --dist worksteal
 
-.PHONY: demo test lint messages screenshots no-wait watching load chaos calibration bench fuzz clean
+.PHONY: demo test test-postgresql lint messages screenshots no-wait watching load chaos calibration bench fuzz clean
 .DEFAULT_GOAL := demo
 
 $(VENV)/.made:
@@ -38,6 +38,17 @@ $(VENV)/.bench: pyproject.toml constraints.txt | $(VENV)/.made
 demo: $(VENV)/.app
 	@$(BIN)/pbpo demo --port $(PORT) --data-dir $(DATA_DIR)
 
+# What PostgreSQL may do otherwise than SQLite is tested on both: constraints, locks, order of rows,
+# transactions, migrations, workers. These files are about pages, files and settings, and are the
+# same on both; `make test-postgresql` runs them all.
+ALIKE := accounts addresses_of_videos answers_by_form body_limit browser_cookies commands data_out demo deployment \
+	device_check documents drafts ethics experimenter_pages export_formats familiarisation headers host_cookies \
+	hostile_forms hostile_uploads known_devices languages limits_at_proxies making my_account odd_names \
+	openapi own_study participant_pages plan_page previews privacy_inventory questionnaires recruit_page \
+	recruitment refusals role_matrix room serve_safely shared_computers signed_links slugs small_refusals \
+	unfilled_links uploads_in_order videos_by_proxy watching welcome whole_experiment
+ON_POSTGRESQL := tests/unit/storage tests/functional $(ALIKE:%=--ignore=tests/functional/test_%.py)
+
 # Videos that were rendered for one test serve all others: they are named by their content.
 test: export PBPO_TEST_MEDIA_DIR ?= $(CURDIR)/build/test-media
 
@@ -45,8 +56,12 @@ test: export PBPO_TEST_MEDIA_DIR ?= $(CURDIR)/build/test-media
 test: $(VENV)/.dev
 	$(NODE_TEST) tests/js
 	$(PYTEST) tests/unit tests/functional
-	$(PYTEST) --database postgresql tests/unit/storage tests/functional
+	$(PYTEST) --database postgresql $(ON_POSTGRESQL)
 	$(PYTEST) tests/browser
+
+test-postgresql: export PBPO_TEST_MEDIA_DIR ?= $(CURDIR)/build/test-media
+test-postgresql: $(VENV)/.dev
+	$(PYTEST) --database postgresql tests/unit/storage tests/functional
 
 lint: $(VENV)/.dev
 	$(BIN)/ruff check .

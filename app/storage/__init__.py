@@ -1,1 +1,1 @@
-"""Where a study is kept: engine and transactions, tables with named constraints, migrations."""
+"""The database: engine and transactions, tables with named constraints, migrations, task queue."""

@@ -1,4 +1,4 @@
-"""What at most one does at a time, however many servers and workers there are."""
+"""PostgreSQL advisory locks, by which servers and workers exclude each other. No-ops on SQLite."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from .database import Database
 
 
 class AdvisoryLock(IntEnum):
-    """What is done alone: any numbers that nobody else uses as PostgreSQL's advisory locks."""
+    """Keys of the advisory locks: arbitrary numbers that no other program is likely to use."""
 
     MIGRATION = 7_262_030_001
     RETENTION = 7_262_030_002
@@ -22,15 +22,15 @@ class AdvisoryLock(IntEnum):
 
 @contextmanager
 def try_advisory_lock(database: Database, what: AdvisoryLock) -> Iterator[bool]:
-    """Yields whether nobody else is at it; until the block ends, nobody else will be.
+    """Try to take a lock for the block, without waiting. Yields whether it was taken.
 
-    SQLite has one server alone, which has nobody to agree with: always True.
+    Always True on SQLite, which serves one process only.
     """
     if database.is_sqlite:
         yield True
         return
     with database.engine.connect() as connection:
-        # The lock is the session's, not a transaction's: none stays open while the work is done.
+        # A lock of the connection, so that no transaction stays open during the block.
         is_alone = bool(
             connection.scalar(text("SELECT pg_try_advisory_lock(:what)"), {"what": what})
         )
@@ -43,14 +43,14 @@ def try_advisory_lock(database: Database, what: AdvisoryLock) -> Iterator[bool]:
                 connection.commit()
 
 
-#: Locks of two numbers, of which this is the first, never meet those of one number above.
+#: First key of the two-key locks, whose key space is separate from that of the one-key locks above.
 _TURNS = 7262
 
 
 def advisory_xact_lock(db: Session, key: str) -> None:
-    """Wait until no other transaction is at what `key` names; none will be until this one ends.
+    """Take the lock of this key for the rest of the transaction; blocks until it is free.
 
-    On SQLite whoever writes is alone anyway.
+    A no-op on SQLite, where writing transactions exclude each other.
     """
     if db.get_bind().dialect.name == "sqlite":
         return

@@ -1,4 +1,4 @@
-"""Rows that are written and not looked at again: several times quicker than as objects."""
+"""Bulk insert without ORM objects, several times faster than adding objects to a session."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from app.storage.models.studies import Base
 
 
 def insert_rows(db: Session, of: type[Base], rows: Sequence[Mapping[str, Any]]) -> None:
-    """Insert these rows, each by its columns, now. Objects in the session learn nothing of it."""
+    """Insert rows immediately. rows: values by column name. ORM objects are not updated."""
     if rows:
-        # Inline: nobody asks for their keys. One alone needs none of what many are sent with.
+        # inline: do not fetch the primary keys. A single row needs no executemany.
         insert = cast(Table, of.__table__).insert().inline()
         db.execute(insert, rows[0] if len(rows) == 1 else rows)

@@ -1,20 +1,23 @@
-"""The end of a transaction that writes, and the one moment in which nobody knows what was done."""
+"""Commit of a writing transaction, which tells a lost commit from a failed one.
+
+If the connection drops during COMMIT, the client cannot know whether the server committed.
+"""
 
 from __future__ import annotations
 
 from sqlalchemy.exc import OperationalError
 from sqlalchemy.orm import Session
 
-#: What PostgreSQL says to whom it hangs up on: whether it did what it was about is not said.
+#: Class of PostgreSQL's error codes for a connection that the server ends (operator intervention).
 _HANGS_UP = "57P"
 
 
 class CommitLostError(OperationalError):
-    """The server was lost while it committed: what was to be written is all there or not at all."""
+    """The connection dropped during COMMIT: everything was written, or nothing was."""
 
 
 def commit(db: Session) -> None:
-    """Commit what was flushed. Raises CommitLostError, or OperationalError if nothing was done."""
+    """Commit. Raises CommitLostError if the outcome is unknown, OperationalError if it failed."""
     try:
         db.commit()
     except OperationalError as error:

@@ -1,7 +1,7 @@
 """Engine and transactions.
 
-A read sees one consistent snapshot; a write takes its lock at the start, so that it cannot fail
-half-way because somebody else wrote meanwhile.
+A reading transaction sees one consistent snapshot. A writing transaction on SQLite takes the write
+lock at its start (BEGIN IMMEDIATE), so that it cannot fail later because of another writer.
 """
 
 from __future__ import annotations
@@ -20,17 +20,17 @@ from sqlalchemy.orm import Session, sessionmaker
 from . import integrity_errors
 from .commit import commit
 
-#: How long a writer waits for another before it gives up, in milliseconds.
+#: Timeout of a writer that waits for another one, in milliseconds.
 SQLITE_BUSY_TIMEOUT_MS = 15_000
 
-#: How long emptying the write-ahead log may wait for those who read, in milliseconds.
+#: Timeout of the WAL checkpoint that waits for readers, in milliseconds.
 SCRUB_TIMEOUT_MS = 2_000
 
-#: Connections of one process to PostgreSQL at the most: its server lets in 100 from all by default.
+#: Connections of one process to PostgreSQL at the most: a server allows 100 in total by default.
 POSTGRESQL_CONNECTIONS = 20
 
-#: When a PostgreSQL server is given up whose machine or network is gone, in libpq's terms; the
-#: system would wait for a quarter of an hour. What the URL says of them goes first.
+#: libpq's connect and keepalive options, by which a vanished PostgreSQL server is detected within
+#: half a minute; by the system's defaults, a quarter of an hour. Options in the URL override these.
 _KEEPALIVE = {
     "connect_timeout": 10,
     "keepalives_idle": 10,
@@ -66,15 +66,18 @@ class Database:
 
     @property
     def is_sqlite(self) -> bool:
+        """Whether the database is SQLite; otherwise it is PostgreSQL."""
         return self.engine.dialect.name == "sqlite"
 
     @contextmanager
     def read(self) -> Iterator[Session]:
+        """A reading transaction on one snapshot."""
         with self._readers() as session:
             yield session
 
     @contextmanager
     def write(self) -> Iterator[Session]:
+        """A writing transaction: commits at the end, rolls back on an exception."""
         with self._writer_turn(), self._writers() as session:
             yield session
             session.flush()
@@ -84,8 +87,8 @@ class Database:
     def _writer_turn(self) -> Iterator[None]:
         """Serialise the writers of this process on SQLite, which takes one at a time.
 
-        SQLite's own busy handler retries after growing pauses, so that some of many waiting
-        writers would never succeed. Raises SQLAlchemy's TimeoutError.
+        SQLite's own busy handler retries after growing pauses, which would starve some of many
+        waiting writers. Raises SQLAlchemy's TimeoutError.
         """
         if not self.is_sqlite:
             yield
@@ -98,34 +101,35 @@ class Database:
             self._writer_lock.release()
 
     def scrub(self) -> None:
-        """Take what was deleted off the disk, as far as the database leaves that to us.
+        """Truncate SQLite's write-ahead log, which still contains deleted rows.
 
-        SQLite overwrites deleted rows with zeros, but its write-ahead log holds the pages as they
-        were until it is emptied. PostgreSQL sees to its old rows itself.
+        In the database file SQLite overwrites deleted rows with zeros (secure_delete). A no-op on
+        PostgreSQL, which vacuums old rows itself.
         """
         if not self.is_sqlite:
             return
         with closing(self.engine.raw_connection()) as connection:
             cursor = connection.cursor()
-            # Somebody who reads just now would be waited for: the next deletion, or the log's
-            # own turn, does it then.
+            # A reader can block the checkpoint. After the timeout it is left to the next deletion
+            # or to SQLite's automatic checkpoint.
             cursor.execute(f"PRAGMA busy_timeout = {SCRUB_TIMEOUT_MS}")
             cursor.execute("PRAGMA wal_checkpoint(TRUNCATE)")
             cursor.execute(f"PRAGMA busy_timeout = {SQLITE_BUSY_TIMEOUT_MS}")
             cursor.close()
 
     def close(self) -> None:
+        """Close all connections."""
         self.engine.dispose()
 
 
 def _engine(url: str) -> Engine:
-    # Parameters stay out of error messages, which end in logs: they hold platforms' ids.
+    # Parameters are hidden in error messages, which are logged: they may be ids of platforms.
     if make_url(url).get_backend_name() != "sqlite":
         engine = create_engine(
             url,
             pool_size=POSTGRESQL_CONNECTIONS // 2,
             max_overflow=POSTGRESQL_CONNECTIONS // 2,
-            # One that the server cut meanwhile is replaced, and nobody notices.
+            # Replace connections that the server has closed in the meantime.
             pool_pre_ping=True,
             connect_args=keepalive_options(url),
             hide_parameters=True,
@@ -133,7 +137,7 @@ def _engine(url: str) -> Engine:
         event.listen(engine, "handle_error", _not_storable)
         event.listen(engine, "handle_error", integrity_errors.redact_parameters)
         return engine
-    # One connection per thread of the server's pool: a waiting reader never starves a response.
+    # One connection per thread of the server's pool, so that readers never block a response.
     engine = create_engine(url, pool_size=16, max_overflow=32, hide_parameters=True)
     event.listen(engine, "connect", _configure_sqlite)
     event.listen(engine, "begin", _begin_sqlite)
@@ -142,13 +146,13 @@ def _engine(url: str) -> Engine:
 
 
 def keepalive_options(url: str) -> dict[str, int]:
-    """With which a connection to PostgreSQL is told when its server is gone."""
+    """The connect and keepalive options for libpq that the URL does not set itself."""
     own = make_url(url).query
     return {name: value for name, value in _KEEPALIVE.items() if name not in own}
 
 
 def _configure_sqlite(connection: Any, _record: Any) -> None:
-    # The driver's own transactions start too late (at the first write): we begin them ourselves.
+    # The driver would begin transactions at the first write only; `_begin_sqlite` begins them.
     connection.isolation_level = None
     cursor = connection.cursor()
     cursor.execute(f"PRAGMA busy_timeout = {SQLITE_BUSY_TIMEOUT_MS}")
@@ -156,7 +160,7 @@ def _configure_sqlite(connection: Any, _record: Any) -> None:
     # An acknowledged response must survive a power cut, so every commit reaches the disk.
     cursor.execute("PRAGMA synchronous = FULL")
     cursor.execute("PRAGMA foreign_keys = ON")
-    # What a person has had deleted must not be found in the file's free pages.
+    # Overwrite deleted rows with zeros, so that free pages of the file contain no deleted data.
     cursor.execute("PRAGMA secure_delete = ON")
     cursor.close()
 
@@ -167,7 +171,7 @@ def _begin_sqlite(connection: Connection) -> None:
 
 
 def _not_storable(context: ExceptionContext) -> None:
-    """Drivers differ in how they refuse what no column can hold: here it is always a DataError."""
+    """Raise DataError for values that no column can hold; drivers raise different errors."""
     refused = context.original_exception
     if isinstance(refused, OverflowError | UnicodeEncodeError):
         raise DataError(context.statement, None, refused, hide_parameters=True) from None

@@ -1,11 +1,11 @@
-"""A database as one file, taken while it is in use, and put back into an empty one.
+"""Dumps a database into one file while it is in use, and restores it into an empty database.
 
-SQLite copies itself by its online backup; PostgreSQL has pg_dump and pg_restore for it, which have
-to be of the server's version or a newer one. What is counted is what the file holds.
+SQLite is copied by its online backup API, PostgreSQL by pg_dump and pg_restore, which must be of
+the server's version or newer.
 
-What is put back holds people who were deleted since. Until they are deleted again, a mark in the
-database says that it is nobody's to open, so that also a restore which was killed brings nobody
-back.
+A restored database contains people who were deleted after the dump. Until they have been deleted
+again, a marker table keeps the application from opening the database; the marker also remains if
+the restore is killed.
 """
 
 from __future__ import annotations
@@ -29,14 +29,14 @@ from .schema import revision_of
 SQLITE = "sqlite"
 POSTGRESQL = "postgresql"
 
-#: Where Procrastinate keeps its queue: what waits there is asked for again.
+#: Schema of Procrastinate's queue. It is not dumped: waiting tasks are enqueued again.
 QUEUE_SCHEMA = "procrastinate"
 
-#: A table that is there from before anything is put back until all of it is seen to.
+#: Marker table, present from before the restore until the deletions have been repeated.
 _MARK = "restore_not_finished"
 _MAKE_MARK = f"CREATE TABLE {_MARK} (since INTEGER)"
 
-#: What the triggers of our tables call: it does not go with them.
+#: Selects the trigger functions of our tables, which are not dropped with the tables.
 _FUNCTIONS_OF_TRIGGERS = """
     SELECT DISTINCT tgfoid::regprocedure::text
     FROM pg_trigger JOIN pg_class ON pg_class.oid = tgrelid
@@ -45,37 +45,41 @@ _FUNCTIONS_OF_TRIGGERS = """
 
 _AGAIN = "throw the database away, and restore into a new one"
 
-#: Words of a command can be seen by all of the machine: these are never among them.
+#: Options that are never passed as command-line arguments, which all users of a machine can see.
 _SECRET = ("password", "sslpassword")
 
 
 class DumpError(Exception):
-    """A database could not be copied, or be put back; the message says why, without its address."""
+    """A dump or a restore failed. The message says why, and does not contain the URL."""
 
 
 @dataclass(frozen=True)
 class Contents:
-    """What a database holds: its schema's revision, and the number of rows of each table."""
+    """Schema revision of a database, and the number of rows by table."""
 
     revision: str | None
     rows: Mapping[str, int]
 
 
 def kind_of(url: str) -> str:
+    """SQLITE or POSTGRESQL."""
     return make_url(url).get_backend_name()
 
 
 def dump(url: str, target: Path) -> Contents:
-    """Write the database into `target`; others may read and write it meanwhile."""
+    """Write the database into `target`, and return what the file contains.
+
+    The database may be used meanwhile. Raises DumpError.
+    """
     return _dump_sqlite(url, target) if kind_of(url) == SQLITE else _dump_postgresql(url, target)
 
 
 @contextmanager
 def loaded(source: Path, url: str) -> Iterator[Contents]:
-    """Put a dump back into a database that is empty (SQLite: not there); yields what it holds.
+    """Restore a dump into an empty database (SQLite: no file), and yield what it contains.
 
-    Until the block ends, nobody else opens it as a studio (`require_whole`). Left by an exception,
-    the database is empty again. Raises DumpError.
+    Until the block ends, `require_whole` refuses the database to everyone else. If the block raises
+    an exception, the database is emptied again. Raises DumpError.
     """
     _claim(url)
     try:
@@ -93,7 +97,7 @@ def loaded(source: Path, url: str) -> Iterator[Contents]:
 
 
 def require_whole(connection: Connection) -> None:
-    """Raises DumpError if a restore into this database is under way, or was killed."""
+    """Raise DumpError if a restore into this database is under way or did not finish."""
     if inspect(connection).has_table(_MARK):
         raise DumpError(
             "a restore into this database is under way or did not finish, and people who were"
@@ -102,7 +106,7 @@ def require_whole(connection: Connection) -> None:
 
 
 def contents(url: str, *, whole: bool = False) -> Contents:
-    """What the database holds now. whole: raise DumpError if a restore into it did not finish."""
+    """The present contents of a database. whole: raise DumpError if a restore did not finish."""
     with _connected(url) as connection:
         if whole:
             require_whole(connection)
@@ -115,7 +119,7 @@ def _dump_sqlite(url: str, target: Path) -> Contents:
         raise DumpError(f"expected a database at {path}, and there is none")
     with closing(sqlite3.connect(path)) as source, closing(sqlite3.connect(target)) as copy:
         source.backup(copy)
-        # In one file alone: with a write-ahead log beside it, half of it could be left behind.
+        # Without a write-ahead log, so that the dump is a single file.
         copy.execute("PRAGMA journal_mode = DELETE")
         faults = copy.execute("PRAGMA integrity_check").fetchall()
     if faults != [("ok",)]:
@@ -137,9 +141,9 @@ def _dump_postgresql(url: str, target: Path) -> Contents:
 
 
 def _claim(url: str) -> None:
-    """See to it that there is nothing yet, and that from now on nobody opens it."""
+    """Check that the database is empty, and create the marker table. Raises DumpError."""
     if kind_of(url) == SQLITE:
-        # It appears under its name with the mark in it.
+        # `_load` creates the file with the marker already in it.
         if _file(url).exists():
             raise DumpError(f"expected a new database at {_file(url)}, and there is a file")
         return
@@ -164,7 +168,7 @@ def _load(source: Path, url: str) -> None:
 
 
 def _clear(url: str) -> None:
-    """Take out everything that was put back, in one transaction."""
+    """Delete everything that was restored, in one transaction."""
     if kind_of(url) == SQLITE:
         path = _file(url)
         for ending in ("", ".part", "-wal", "-shm", "-journal"):
@@ -180,7 +184,7 @@ def _clear(url: str) -> None:
 
 
 def _change(url: str, statements: Sequence[str]) -> None:
-    """Carry them out in one transaction."""
+    """Execute the statements in one transaction."""
     with _connected(url) as connection:
         for statement in statements:
             connection.execute(text(statement))
@@ -212,7 +216,7 @@ def _file(url: str) -> Path:
 
 
 def _run(url: str, program: str, *words: str) -> None:
-    """Run one of PostgreSQL's programs on the database. Raises DumpError."""
+    """Run pg_dump or pg_restore on the database. Raises DumpError."""
     if shutil.which(program) is None:
         raise DumpError(
             f"expected {program} on this machine, of the database's version or newer, and there is"
@@ -233,8 +237,8 @@ def _run(url: str, program: str, *words: str) -> None:
 
 
 def reached(url: str) -> tuple[str, str | None]:
-    """The words by which libpq reaches a database as we do, without secrets, and the password."""
-    # What PostgreSQL needs is not installed everywhere.
+    """A libpq connection string for the URL, without secrets, and the password."""
+    # psycopg is an optional dependency.
     from psycopg.conninfo import make_conninfo  # noqa: PLC0415
 
     parts = make_url(url)

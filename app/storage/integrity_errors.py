@@ -1,7 +1,7 @@
-"""What the database says where it refuses a row: which rule, and never what stands in the row.
+"""Classifies integrity errors, and removes the row's values from their messages.
 
-Of two who do the same at once both have looked, and seen that nobody did it yet. The tables' rules
-then let one of them in, and refuse the other.
+Two concurrent requests can both find that a row does not exist yet. A constraint then lets one of
+them insert it and refuses the other, which is a conflict rather than a fault of the program.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 from sqlalchemy.engine import ExceptionContext
 from sqlalchemy.exc import DataError, IntegrityError
 
-#: Something is there already, or what it belongs to is gone: as PostgreSQL calls it, and SQLite.
+#: Codes of unique and foreign key violations: of PostgreSQL, and of SQLite.
 _OF_TWO_AT_ONCE = frozenset(
     {
         *("23505", "23503"),
@@ -19,14 +19,17 @@ _OF_TWO_AT_ONCE = frozenset(
 
 
 def is_conflict(error: Exception) -> bool:
-    """Whether it is the refusal of somebody who came second. Any other refusal is a fault."""
+    """Whether the error is a unique or foreign key violation, as of concurrent requests."""
     refused = error.orig if isinstance(error, IntegrityError) else None
     codes = (getattr(refused, name, None) for name in ("sqlstate", "sqlite_errorname"))
     return any(code in _OF_TWO_AT_ONCE for code in codes)
 
 
 def redact_parameters(context: ExceptionContext) -> None:
-    """For the engine's `handle_error`: PostgreSQL repeats the row, and errors end in logs."""
+    """Handler of the engine's `handle_error` event: keeps only the primary message.
+
+    PostgreSQL's full message contains the row's values, and errors are logged.
+    """
     refused, told = context.original_exception, context.sqlalchemy_exception
     rule = getattr(getattr(refused, "diag", None), "message_primary", None)
     if rule is not None and isinstance(told, IntegrityError | DataError):

@@ -1,7 +1,8 @@
-"""Rows that are read as one: as a list of lists, in JSON.
+"""Reads all rows of a statement as one JSON value.
 
-SQLite's driver lets go of the interpreter at every row, and on a busy server waits each time to
-have it back; PostgreSQL's describes every column anew. Both make one value of one row quickly.
+SQLite's driver releases the interpreter lock at every row and, on a busy server, waits each time to
+get it back; PostgreSQL's driver describes every column of a result. One row with one value is
+faster with both.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from sqlalchemy.orm import Session
 
 
 class AsOneRow:
-    """A statement whose rows are of numbers and texts alone. In no order."""
+    """A statement whose columns are all numbers or texts. The order of its rows is undefined."""
 
     def __init__(self, statement: Select[Any]) -> None:
         columns = statement.subquery().c
@@ -23,7 +24,7 @@ class AsOneRow:
         self._on_postgresql = select(func.json_agg(func.json_build_array(*columns)))
 
     def read(self, db: Session, parameters: Mapping[str, Any]) -> Sequence[Sequence[Any]]:
-        """All rows, each with its columns in the statement's order."""
+        """Execute the statement, and return its rows with the columns in the statement's order."""
         rows: list[list[Any]]
         if db.get_bind().dialect.name == "sqlite":
             rows = json.loads(db.scalar(self._on_sqlite, parameters) or "[]")

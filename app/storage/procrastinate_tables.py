@@ -1,7 +1,7 @@
-"""The tables of Procrastinate's queue, in a schema of their own, as far as we read or write them.
+"""The tables of Procrastinate's queue that we read or write, in a PostgreSQL schema of their own.
 
-They lie apart from ours: no migration, no count of rows and no backup has them. Nothing in them has
-to outlive anything: what is lost is asked for again.
+Migrations and backups do not include them. Their content is expendable: lost tasks are enqueued
+again.
 """
 
 from __future__ import annotations
@@ -28,13 +28,13 @@ from .advisory_lock import AdvisoryLock
 from .database import Database
 from .dump_restore import QUEUE_SCHEMA
 
-#: Its schema follows its version: another one's queue is made anew.
+#: Comment on the schema. The queue is recreated if it was made by another version of Procrastinate.
 _VERSION = f"procrastinate {procrastinate.__version__}"
 
-#: States of a task; one that is done is in the queue no more.
+#: States of a task; finished tasks are deleted.
 WAITING, RUNNING, FAILED = "todo", "doing", "failed"
 
-#: Where it is noted, among a task's own arguments, why it failed, and how often it was lost.
+#: Keys among a task's arguments: why it failed, and how many workers were lost while running it.
 FAULT, LOST = "fault", "lost"
 
 TASKS = table(
@@ -55,20 +55,20 @@ WORKERS = table(
 
 
 def is_in(status: str, tasks: FromClause = TASKS) -> ColumnElement[bool]:
-    """Whether a task is in this state; as a literal, for which the tables have indices."""
+    """The condition that a task is in this state, as a literal, so that partial indices apply."""
     return tasks.c.status == literal_column(f"'{status}'")
 
 
 @contextmanager
 def writing(database: Database) -> Iterator[Session]:
-    """A transaction in which the queue's own functions and triggers find its tables."""
+    """A writing transaction with the queue's schema as search path, which its functions need."""
     with database.write() as db:
         db.execute(text(f"SET LOCAL search_path TO {QUEUE_SCHEMA}"))
         yield db
 
 
 def prepare(database: Database) -> None:
-    """Make the queue where it is missing, or of another version; others wait, and find it done."""
+    """Create the queue's schema unless it exists in this version. Concurrent calls wait."""
     with database.write() as db:
         db.execute(text("SELECT pg_advisory_xact_lock(:what)"), {"what": AdvisoryLock.MIGRATION})
         there = db.scalar(

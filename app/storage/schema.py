@@ -1,4 +1,4 @@
-"""The schema is built by migration, and only so."""
+"""Runs the migrations, which are the only way the schema is created."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ MIGRATIONS = Path(__file__).resolve().parents[2] / "migrations"
 
 
 def configuration(url: str) -> Config:
+    """Alembic's configuration for this database."""
     config = Config()
     config.set_main_option("script_location", str(MIGRATIONS))
     config.set_main_option("path_separator", "os")
@@ -25,12 +26,12 @@ def configuration(url: str) -> Config:
 
 
 def migrate(url: str, revision: str = "head") -> None:
-    """Bring the database to `revision`; nothing happens if it is there already."""
+    """Upgrade the database to `revision`."""
     command.upgrade(configuration(url), revision)
 
 
 def bring_to_newest(database: Database) -> None:
-    """As `migrate`, for who has the database open: most often there is nothing to do."""
+    """Upgrade an open database to the newest revision, unless it is there already."""
     with database.engine.connect() as connection:
         if revision_of(connection) == newest_revision():
             return
@@ -39,12 +40,12 @@ def bring_to_newest(database: Database) -> None:
 
 @cache
 def newest_revision() -> str:
-    """The revision that this code was written for."""
+    """The newest revision in the migrations folder."""
     head = ScriptDirectory(str(MIGRATIONS)).get_current_head()
     assert head is not None
     return head
 
 
 def revision_of(connection: Connection) -> str | None:
-    """The revision that a database is at; None if it was never migrated."""
+    """The revision of a database; None if it was never migrated."""
     return MigrationContext.configure(connection).get_current_revision()

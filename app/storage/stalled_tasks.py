@@ -1,4 +1,4 @@
-"""Tasks whose worker was lost: killed, or cut off from the database."""
+"""Recovery of tasks whose worker stopped sending heartbeats: killed, or cut off from the queue."""
 
 from __future__ import annotations
 
@@ -13,7 +13,10 @@ from .procrastinate_tables import FAILED, FAULT, LOST, RUNNING, TASKS, WAITING, 
 
 @dataclass(frozen=True)
 class StalledTask:
-    """A task that was lost for so many times, and is not tried again if it `is_over`."""
+    """A task whose worker was lost.
+
+    times: how many workers were lost while running it. is_over: whether it has failed for good.
+    """
 
     name: str
     argument: str
@@ -22,20 +25,21 @@ class StalledTask:
 
     @property
     def fault(self) -> str:
+        """Why the task failed, if it is over."""
         return f"it was given up after {self.times} workers were lost at it"
 
 
 def requeue_stalled(db: Session, silent_s: float, most: int) -> list[StalledTask]:
-    """Let those tasks wait again whose worker was not heard of for so long, in seconds.
+    """Requeue the running tasks of workers without a heartbeat for `silent_s` seconds.
 
-    Each loss counts once, however many workers look; a task that was lost `most` times has failed.
+    Each loss is counted once, however many workers call this. A task lost `most` times fails.
     """
     is_heard_of = exists().where(
         WORKERS.c.id == TASKS.c.worker_id,
         WORKERS.c.last_heartbeat > func.now() - timedelta(seconds=silent_s),
     )
     other = TASKS.alias()
-    # Of retention there may be one in hand, and the next one waits.
+    # A retention task can be running while the next one is waiting.
     has_a_twin = exists().where(
         other.c.queueing_lock == TASKS.c.queueing_lock, is_in(WAITING, other)
     )

@@ -1,4 +1,4 @@
-"""The queue of tasks that servers leave to workers: what is asked for, and how far it is."""
+"""Client of the task queue (Procrastinate): enqueues tasks for workers and polls their state."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from .dump_restore import QUEUE_SCHEMA
 from .procrastinate_tables import FAULT, RUNNING, TASKS, WAITING, WORKERS, is_in, writing
 from .stalled_tasks import StalledTask, requeue_stalled
 
-#: What workers do, each kind in a queue of its own: nothing short waits behind what is long.
+#: Names of the tasks. Each has a queue of its own, so that short tasks do not wait for long ones.
 RENDER, JOB, RETENTION = "render", "job", "retention"
 QUEUES = (RENDER, JOB, RETENTION)
 
-#: How long a worker may say nothing before it is not counted, in seconds.
+#: A worker without a heartbeat for so many seconds is not counted.
 GONE_AFTER_S = 8.0
 
 _STATUS = cast(TASKS.c.status, String)
@@ -29,9 +29,9 @@ _STATUS = cast(TASKS.c.status, String)
 
 @dataclass(frozen=True)
 class Task:
-    """One thing to do. Its `key` is its name's and its argument's: it waits at most once.
+    """One task. Tasks of the same name and argument have the same key, and are queued once.
 
-    priority: the higher, the sooner.
+    priority: tasks with a higher one are run first.
     """
 
     name: str
@@ -40,19 +40,20 @@ class Task:
 
     @property
     def key(self) -> str:
+        """Identifies the task in the queue."""
         return f"{self.name}:{self.argument}"
 
 
 @dataclass(frozen=True)
 class State:
-    """How far a task is; `fault` says why it failed."""
+    """The state of a task. fault: why it failed."""
 
     status: str
     fault: str | None
 
 
 def procrastinate_connector(url: str) -> procrastinate.PsycopgConnector:
-    """Procrastinate's connections to the database, which see its own schema alone."""
+    """Procrastinate's connection pool, with its own schema as search path."""
     return procrastinate.PsycopgConnector(
         conninfo=make_url(url).set(drivername="postgresql").render_as_string(hide_password=False),
         kwargs={"options": f"-c search_path={QUEUE_SCHEMA}", **keepalive_options(url)},
@@ -62,17 +63,17 @@ def procrastinate_connector(url: str) -> procrastinate.PsycopgConnector:
 
 
 class TaskQueue:
-    """What servers ask of workers, and how far that is."""
+    """Enqueues tasks, reads their state, and recovers those of lost workers."""
 
     def __init__(self, database: Database) -> None:
         self._database = database
-        # Never opened: what is asked for is written by our own connections.
+        # Its connector is never opened: tasks are written by our own connections.
         self._app = procrastinate.App(connector=procrastinate_connector(database.url))
 
     def enqueue(self, task: Task) -> int:
-        """The id of the task, which is asked for unless it waits or runs already.
+        """Enqueue the task unless it is waiting or running, and return its id.
 
-        One that waits for less is moved up.
+        A waiting task with a lower priority gets this one.
         """
         while True:
             with writing(self._database) as session:
@@ -90,10 +91,10 @@ class TaskQueue:
                         connection=session.connection().connection.driver_connection,
                     ).defer(argument=task.argument)
             except AlreadyEnqueued:
-                continue  # somebody else was quicker by a moment
+                continue  # enqueued concurrently by another process
 
     def states(self, ids: Collection[int]) -> Mapping[int, State]:
-        """How far those tasks are that have not been done: what is done is in the queue no more."""
+        """States of these tasks by id. Finished tasks are deleted and have no entry."""
         with self._database.read() as db:
             rows = db.execute(
                 select(TASKS.c.id, _STATUS, TASKS.c.args[FAULT].astext).where(TASKS.c.id.in_(ids))
@@ -101,7 +102,7 @@ class TaskQueue:
             return {row_id: State(status, fault) for row_id, status, fault in rows}
 
     def note_fault(self, task_id: int, fault: str) -> None:
-        """Let whoever waits for the task know why it fails."""
+        """Store why the task failed, for the server that waits for it."""
         with writing(self._database) as session:
             session.execute(
                 update(TASKS)
@@ -110,12 +111,12 @@ class TaskQueue:
             )
 
     def requeue_stalled(self, silent_s: float, most: int) -> list[StalledTask]:
-        """Let tasks of lost workers wait again: see `lost_tasks`."""
+        """Requeue tasks of lost workers: see `stalled_tasks.requeue_stalled`."""
         with writing(self._database) as session:
             return requeue_stalled(session, silent_s, most)
 
     def count(self, name: str) -> tuple[int, int]:
-        """How many tasks of this name wait, and how many run."""
+        """Numbers of waiting and of running tasks of this name."""
         with self._database.read() as db:
             rows = db.execute(
                 select(_STATUS, func.count())
@@ -126,17 +127,18 @@ class TaskQueue:
         return found.get(WAITING, 0), found.get(RUNNING, 0)
 
     def workers(self) -> int:
-        """How many workers were heard of just now. Each is registered once for each queue."""
+        """Number of workers with a recent heartbeat."""
         since = func.now() - timedelta(seconds=GONE_AFTER_S)
         with self._database.read() as db:
             registered = db.scalar(
                 select(func.count()).select_from(WORKERS).where(WORKERS.c.last_heartbeat > since)
             )
+        # Each worker registers once for each queue.
         return (registered or 0) // len(QUEUES)
 
 
 def _under_way(db: Session, task: Task) -> int | None:
-    """The id of the task if it waits, moved up as far as it now has to be, or if it runs."""
+    """The id of the task if it is waiting (its priority is raised if needed) or running."""
     moved_up = db.scalar(
         update(TASKS)
         .where(TASKS.c.queueing_lock == task.key, is_in(WAITING))

@@ -105,14 +105,14 @@ RULE = "retention: {everything_days: 20}\n"
 SWEEP = """
 import sys, time
 from pathlib import Path
-from app.services import periodic_tasks
+from app.services.maintenance import periodic_tasks
 from app.services.runtime.settings import Settings
-from app.services.context import open_studio
-studio = open_studio(Settings(database_url=sys.argv[1], data_dir=Path(sys.argv[2])))
+from app.services.bootstrap import open_app
+app = open_app(Settings(database_url=sys.argv[1], data_dir=Path(sys.argv[2])))
 print("ready", flush=True)
 sys.stdin.readline()
-periodic_tasks.run_all(studio)
-studio.close()
+periodic_tasks.run_all(app)
+app.close()
 """
 
 

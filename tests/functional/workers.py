@@ -20,10 +20,10 @@ QUICK = HeartbeatConfig(beat_s=0.2, gone_after_s=1.5, job_lost_after_s=1.5)
 
 _CODE = """
 from app.services.runtime.settings import Settings
-from app.services.maintenance.worker_tasks import Pulse
+from app.services.maintenance.worker_tasks import HeartbeatConfig
 from app.worker import work
 if __name__ == "__main__":
-    work(Settings({named}), 1, lambda: print("ready", flush=True), pulse={pulse})
+    work(Settings({named}), 1, lambda: print("ready", flush=True), heartbeat={heartbeat})
 """
 
 
@@ -35,7 +35,7 @@ class Worker(Started):
         named["workers_apart"] = True
         # Its processes import it again: it has to be a file.
         script = folder / f"worker_{time.monotonic_ns()}.py"
-        script.write_text(_CODE.format(named=f"**{named}", pulse=QUICK))
+        script.write_text(_CODE.format(named=f"**{named}", heartbeat=QUICK))
         root = str(Path(__file__).parents[2])
         super().__init__([sys.executable, str(script)], script.with_suffix(".log"), PYTHONPATH=root)
 

@@ -1,1 +1,1 @@
-"""What follows a history: trial schedule, proposals of the optimiser, and their caches."""
+"""The next query of a trial: trial schedule, proposals of the optimiser, and their caches."""

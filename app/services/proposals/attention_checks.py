@@ -1,6 +1,6 @@
-"""Attention checks: a recording known to be bad against one known to be good.
+"""Attention checks: pairs of a recording known to be good and one known to be bad.
 
-Which are known is said by the plan, as candidates, or else by the recordings' scores.
+The plan names the good and bad candidates; without them, the recordings' scores decide.
 """
 
 from __future__ import annotations
@@ -13,10 +13,10 @@ from app.study.attention_checks import CandidatePoint, Kind
 
 from .proposer import CandidateSet, ProposedQuery, RecordingRef, TrialSpec
 
-#: Without named candidates, the best and the worst tenth of the scored recordings are known.
+#: Share of the scored recordings at each end that counts as known, if the plan names no candidates.
 KNOWN_BY_SCORE = 0.1
 
-#: What stands in `acquisition`: on which side the good one is.
+#: Value of a check's `acquisition` column, by the side of the good recording.
 GOOD_SIDE = {"left": "good-left", "right": "good-right"}
 
 _Known = Sequence[tuple[int, RecordingRef]]
@@ -29,7 +29,11 @@ def attention(
     rng: np.random.Generator,
     usable: Callable[[RecordingRef], bool] = lambda _: True,
 ) -> ProposedQuery | None:
-    """An attention check at this place; None if no two recordings can be set against each other."""
+    """Draw an attention check from the known recordings.
+
+    place: index of the query within the trial. usable: whether a recording can be shown. Returns
+    None if no pair of a good and a bad recording of different candidates is left.
+    """
     good, bad = (
         [(candidate, recording) for candidate, recording in known if usable(recording)]
         for known in known_ends(candidate_set, trial)
@@ -55,7 +59,7 @@ def attention(
 
 
 def known_ends(candidate_set: CandidateSet, trial: TrialSpec) -> tuple[_Known, _Known]:
-    """The recordings known to be good, and those known to be bad, each with its candidate."""
+    """The known good recordings and the known bad ones, each with its candidate's index."""
     if trial.checks.good:
         good, bad = trial.checks.good, trial.checks.bad
         return list(_of(candidate_set, trial, good)), list(_of(candidate_set, trial, bad))

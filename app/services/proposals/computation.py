@@ -1,7 +1,7 @@
-"""What the optimiser thinks after a history, here or in a process of its own.
+"""Computes optimiser steps: replays a history, fits the model, and proposes the next query.
 
-What is worked out ahead is worked out elsewhere: a fit is some milliseconds in which this process
-could answer nobody else.
+`compute_step` is pure. `FitProcess` runs it in a child process, because a fit takes some
+milliseconds of CPU time during which the server could answer no request.
 """
 
 from __future__ import annotations
@@ -21,15 +21,19 @@ from threadpoolctl import threadpool_limits
 from app.pbbo import FitError, Preference, PreferenceOptimizer, Query, Settings, has_posterior
 from app.services.runtime.child_process import set_up_child_process
 
-#: One answered query: left candidate, right candidate, "left" | "right" | "skip", and of a skip the
-#: reason where the method learns from it.
+#: One answered query: left candidate, right candidate, "left" | "right" | "skip", and the reason of
+#: a skip if the method learns from reasons.
 Answer = tuple[int, int, str] | tuple[int, int, str, str | None]
 History = tuple[Answer, ...]
 
 
 @dataclass(frozen=True)
 class StepRequest:
-    """All that a thought follows from. candidates: (n, d). ends: whether no query is wanted."""
+    """The input of one step.
+
+    candidates: (n, d). history: the answered queries, oldest first. ends: whether the history is
+    complete, so that no further query is proposed.
+    """
 
     candidates: NDArray[np.float64]
     method: str
@@ -41,7 +45,10 @@ class StepRequest:
 
 @dataclass(frozen=True)
 class AcquiredCandidate:
-    """w_acq after a response; a knockout has no posterior."""
+    """w_acq after a response: the candidate's index, and its posterior mean and deviation.
+
+    mean, std: None if the method has no model (knockout) or the model could not be fitted.
+    """
 
     candidate: int
     mean: float | None
@@ -50,9 +57,10 @@ class AcquiredCandidate:
 
 @dataclass(frozen=True)
 class StepResult:
-    """The next query (None where none is wanted), and what was learnt.
+    """The output of one step: the next query and the rows derived from the history.
 
-    likelier: the side that the model expects to win.
+    query: None if the request's history was complete. likelier: the side with the larger posterior
+    mean. acquired: None after an empty history.
     """
 
     query: Query | None
@@ -62,7 +70,7 @@ class StepResult:
 
 
 def compute_step(request: StepRequest) -> StepResult:
-    """The thought that follows, from nothing but the question."""
+    """Compute the next query, the preferences and the acquired candidate of one history. Pure."""
     optimizer = PreferenceOptimizer.replay(
         request.candidates,
         request.history,
@@ -80,34 +88,36 @@ def compute_step(request: StepRequest) -> StepResult:
 
 
 def compute_steps(requests: Sequence[StepRequest]) -> list[StepResult]:
-    """The thoughts that follow from these, in their order."""
+    """Compute several steps, in the order of the requests."""
     return [compute_step(request) for request in requests]
 
 
 class FitProcess:
-    """Thinks in a process of its own, which is started when it is first needed."""
+    """A child process that computes steps. It is started at the first request. Thread-safe."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._pool: ProcessPoolExecutor | None = None
-        #: Whether the process is there: it has answered before.
+        #: Whether the child process has started and returned a result.
         self.is_ready = False
 
     def compute_steps(self, requests: Sequence[StepRequest]) -> list[StepResult]:
-        """As `compute_step` of each; this process waits meanwhile, and can do other things.
+        """Compute these steps in the child process; blocks the calling thread only.
 
-        They go there together: each errand takes this process about a millisecond.
+        All requests are sent in one message, which costs this process about a millisecond. If the
+        child was killed, it is started again once.
         """
         try:
             results = self._open().submit(compute_steps, requests).result()
         except BrokenProcessPool:
-            # It was killed, for want of memory say: the next one starts afresh.
+            # The child was killed, for example by the OOM killer.
             self.close()
             results = self._open().submit(compute_steps, requests).result()
         self.is_ready = True
         return results
 
     def close(self) -> None:
+        """Stop the child process; the next request starts another."""
         with self._lock:
             pool, self._pool = self._pool, None
             self.is_ready = False
@@ -119,7 +129,7 @@ class FitProcess:
             if self._pool is None:
                 self._pool = ProcessPoolExecutor(
                     1,
-                    # A fork would copy the server's locks in whatever state they are.
+                    # A fork would copy locks that other threads of the server hold.
                     mp_context=multiprocessing.get_context("spawn"),
                     initializer=_begin,
                 )
@@ -127,9 +137,9 @@ class FitProcess:
 
 
 def _begin() -> None:
-    # Not by much: what is not thought in time is asked for again and again, which costs pages more.
+    # Less than for other workers: a late step is requested again with every poll.
     set_up_child_process(yields=5)
-    # As in the server: one fit, one processor.
+    # One processor per fit, as in the server.
     threadpool_limits(1, user_api="blas")
 
 
@@ -153,7 +163,9 @@ def _acquired(optimizer: PreferenceOptimizer, method: str) -> AcquiredCandidate:
 def _posterior(
     optimizer: PreferenceOptimizer, method: str
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
-    """Mean and deviation over the candidates; None where there is no model, or none can be fit."""
+    """Posterior mean and standard deviation, each (n,); None if the method has no model or the fit
+    fails.
+    """
     if not has_posterior(method):
         return None
     try:

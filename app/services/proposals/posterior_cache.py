@@ -1,4 +1,4 @@
-"""LRU cache of posteriors over the candidates, computed when a page asks for one. Thread-safe."""
+"""LRU cache of posteriors over the candidates, filled on demand by session pages. Thread-safe."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from app.pbbo import Settings as OptimizerSettings
 from .computation import History
 from .step_cache import MAX_PURGED
 
-#: Cached posteriors: those of a page of trials, for each of some readers. Some kilobytes each.
+#: Cached posteriors, some kilobytes each: enough for the trials on several open session pages.
 MAX_POSTERIORS: Final = 128
 
 #: Posterior mean and standard deviation, each (n,).
@@ -24,12 +24,12 @@ Posterior = tuple[NDArray[np.float64], NDArray[np.float64]]
 
 
 class PosteriorCache:
-    """The posterior after each history that was asked for last, by the trial's seed."""
+    """Posteriors by the trial's seed and its history."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._posteriors: LRUCache[tuple[int, History], Posterior | None] = LRUCache(MAX_POSTERIORS)
-        # A fit that is under way must not put a deleted trial back.
+        # A fit that was running when its trial was deleted must not store its result.
         self._purged: LRUCache[int, None] = LRUCache(MAX_PURGED)
 
     def posterior(
@@ -42,8 +42,8 @@ class PosteriorCache:
     ) -> Posterior | None:
         """Posterior mean and standard deviation over the candidates, each (n,).
 
-        candidates: (n, d). None where the method has no model, or none can be fitted. A fit takes
-        up to some tenths of a second, so this does not belong on the event loop.
+        candidates: (n, d). Returns None for an empty history, for a method without a model, and if
+        the fit fails. A fit takes up to some tenths of a second: do not call it on the event loop.
         """
         if not has_posterior(method) or not history:
             return None

@@ -1,4 +1,4 @@
-"""The practice before the first trial: pairs at random, kept apart and never learnt from."""
+"""Practice queries before the first trial: random pairs, stored apart and never learnt from."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from app.study.stage_settings import PRACTICE
 
 from .proposer import CandidateSet, ProposedQuery
 
-#: Tells the draw of practice pairs apart from every other use of a trial's seed.
+#: Separates the random stream of practice pairs from the other uses of a trial's seed.
 _DRAW = 105
 
 
 def pair(candidate_set: CandidateSet, seed: int, query_index: int) -> ProposedQuery:
-    """The practice's query at this place: a pure function of its arguments."""
+    """Draw the practice query with this index: two candidates, and a recording of each. Pure."""
     rng = np.random.default_rng([seed, _DRAW, query_index])
     left, right = (
         int(index) for index in rng.choice(len(candidate_set.recordings), 2, replace=False)

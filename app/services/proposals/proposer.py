@@ -1,8 +1,9 @@
-"""What comes after a trial's history: the next query, and what the responses so far have taught.
+"""Computes, precomputes and caches the step after a trial's history.
 
-A step is a pure function of the candidates, the condition, the history and the trial's seed. So it
-can be worked out ahead for each possible response while the videos play, thrown away, and worked
-out again anywhere: nothing here needs to be kept.
+A step is the next query together with the preferences and the acquired candidate derived from the
+responses so far. It is a pure function of the candidates, the condition, the history and the
+trial's seed. It can therefore be computed in advance for each possible response while the videos
+play, dropped from the cache, and computed again with the same result by any process.
 """
 
 from __future__ import annotations
@@ -36,15 +37,15 @@ from .computation import (
 from .posterior_cache import PosteriorCache
 from .step_cache import StepCache
 
-#: Environments whose candidates are cached: a few hundred kilobytes each.
+#: Cached candidate sets, one per environment, a few hundred kilobytes each.
 MAX_CANDIDATE_SETS = 64
-#: Tells the draw of recordings apart from every other use of a trial's seed.
+#: Separates the random stream of recordings from the other uses of a trial's seed.
 _RECORDING_DRAW = 101
 
 
 @dataclass(frozen=True)
 class RecordingRef:
-    """A recording as a query needs it."""
+    """The columns of a recording that a query needs. id: primary key."""
 
     id: int
     public_id: str
@@ -56,14 +57,17 @@ class RecordingRef:
 
 @dataclass(frozen=True)
 class CandidateSet:
-    """The candidates of one environment, (n, d), and the clips of each."""
+    """The candidates of one environment and their recordings.
+
+    candidates: (n, d). recordings: n tuples of one or more. parameters: the d names of the columns.
+    """
 
     candidates: NDArray[np.float64] = field(repr=False)
     recordings: tuple[tuple[RecordingRef, ...], ...] = field(repr=False)
     parameters: tuple[str, ...] = ()
 
     def recording(self, candidate: int, recording_id: int) -> RecordingRef:
-        """The candidate's clip of this recording."""
+        """The recording with this primary key among the candidate's recordings."""
         return next(
             recording for recording in self.recordings[candidate] if recording.id == recording_id
         )
@@ -75,7 +79,10 @@ class CandidateSet:
 
 @dataclass(frozen=True)
 class TrialSpec:
-    """All that a proposal depends on besides the history."""
+    """The constants of a trial: everything besides the history that its proposals depend on.
+
+    queries, repeats, attention: numbers of queries of each type.
+    """
 
     study_id: int
     environment: str
@@ -86,20 +93,21 @@ class TrialSpec:
     repeats: int = 0
     attention: int = 0
     checks: Checks = field(default=Checks(), hash=False)
-    #: The engine that the trial began under, whose settings it keeps.
+    #: Version of the optimiser at the start of the trial.
     engine_version: str = ENGINE_VERSION
 
     @property
     def training_responses(self) -> int:
-        """How many responses the model learns from in the end."""
+        """Number of responses that the model learns from by the end of the trial."""
         return self.queries + (self.repeats + self.attention if self.checks.in_model else 0)
 
 
 @dataclass(frozen=True)
 class ProposedQuery:
-    """A query to be stored and shown.
+    """A query that is not stored yet.
 
-    likelier: the side that the model expects to win. repeats: the earlier query shown again.
+    likelier: the side that the model expects to win. repeats: index of the earlier query that this
+    one repeats.
     """
 
     query_index: int
@@ -117,7 +125,7 @@ class ProposedQuery:
 
 @dataclass(frozen=True)
 class NextStep:
-    """What follows a history: the next query (None after the last), and what was learnt."""
+    """The step after a history: the next query (None after the last) and the derived rows."""
 
     next: ProposedQuery | None
     preferences: tuple[Preference, ...]
@@ -125,7 +133,10 @@ class NextStep:
 
 
 class Proposer:
-    """Works steps out, now or ahead."""
+    """Computes steps on request or in advance, and caches them with the candidate sets.
+
+    render: starts rendering a recording's video in the background. Thread-safe.
+    """
 
     def __init__(
         self,
@@ -142,11 +153,11 @@ class Proposer:
         self._lock = Lock()
         self._steps = StepCache[NextStep]()
         self._fit_process = FitProcess()
-        #: For the pages that show a session's models.
+        #: Posteriors for session pages.
         self.posteriors = PosteriorCache()
 
     def candidate_set(self, study_id: int, environment: str) -> CandidateSet:
-        """The candidates and clips of a study's environment; they never change."""
+        """The candidates and recordings of a study's environment, cached: they never change."""
         key = (study_id, environment)
         with self._lock:
             candidate_set = self._candidate_sets.get(key)
@@ -157,17 +168,17 @@ class Proposer:
         return candidate_set
 
     def step(self, trial: TrialSpec, history: History) -> NextStep:
-        """What follows `history`: from what was worked out ahead, or worked out now."""
+        """The step after `history`: from the cache if it is there, otherwise computed now."""
         step = self.cached_step(trial, history)
         if step is None:
-            # A fit holds everybody else here up, but nobody should wait for a process to start.
+            # A fit in this process delays other requests, but less than starting a child would.
             here = not history or not self._fit_process.is_ready
             compute = compute_steps if here else self._fit_process.compute_steps
             [step] = self._compute(trial, [history], compute)
         return step
 
     def purge(self, seeds: frozenset[int]) -> None:
-        """Drop all that is cached of these deleted trials, and refuse further steps of them."""
+        """Drop everything cached for these deleted trials, and cache nothing more for them."""
         self.posteriors.purge(seeds)
         self._steps.purge(seeds)
 
@@ -176,16 +187,20 @@ class Proposer:
         return self.posteriors.seeds() | self._steps.seeds()
 
     def evict(self, seeds: frozenset[int]) -> None:
-        """Drop all that is cached of these trials; what is asked for is computed again."""
+        """Drop everything cached for these trials; it is computed again on request."""
         self.posteriors.evict(seeds)
         self._steps.evict(seeds)
 
     def cached_step(self, trial: TrialSpec, history: History) -> NextStep | None:
-        """The step after `history`, if it was computed ahead."""
+        """The step after `history` if it is cached, otherwise None."""
         return self._steps.get(trial.seed, [history])[0]
 
     def precompute(self, trial: TrialSpec, history: History, pair: tuple[int, int]) -> None:
-        """Begin to work out what follows each possible response to the open query `pair`."""
+        """Start to compute the step after each possible response to the open query.
+
+        pair: left and right candidate of the open query. Returns immediately; the work is done in
+        the background thread.
+        """
         self._steps.advance(trial.seed, len(history))
         self._background.in_thread(
             ("ahead", trial.seed, len(history), pair), self._precompute, trial, history, pair
@@ -194,23 +209,27 @@ class Proposer:
     def possible_queries(
         self, trial: TrialSpec, history: History, pair: tuple[int, int]
     ) -> list[ProposedQuery]:
-        """The next queries, the likeliest first: all, or none as long as they are worked out."""
+        """The next query for each possible response, the likeliest response first.
+
+        Empty until all of them have been computed.
+        """
         steps = self._steps.get(trial.seed, self._futures(trial, history, pair))
         if None in steps:
-            # Of a response that was taken back, say: whoever has some asks for no more.
+            # Some may be left from an undone response; the client stops polling once it has any.
             return []
         return [step.next for step in steps if step is not None and step.next is not None]
 
     def close(self) -> None:
+        """Stop the child process."""
         self._fit_process.close()
 
     def render(self, recordings: Sequence[RecordingRef]) -> None:
-        """Begin to make the videos that are not there yet."""
+        """Start to render those videos that do not exist yet, in the background."""
         for recording in recordings:
             self._render(recording)
 
     def _futures(self, trial: TrialSpec, history: History, pair: tuple[int, int]) -> list[History]:
-        """What the history may be after the open query, the likeliest first."""
+        """The possible histories after the open query, the likeliest first."""
         step = self.cached_step(trial, history)
         likelier = step.next.likelier if step is not None and step.next is not None else "left"
         responses = ["left", "right"] if likelier == "left" else ["right", "left"]
@@ -220,7 +239,7 @@ class Proposer:
 
     def _precompute(self, trial: TrialSpec, history: History, pair: tuple[int, int]) -> None:
         if self._steps.position(trial.seed) != len(history):
-            # It was answered meanwhile: on a busy machine that time is somebody else's.
+            # The query has been answered meanwhile, so these steps are no longer needed.
             return
         futures = self._futures(trial, history, pair)
         known = self._steps.get(trial.seed, futures)
@@ -236,7 +255,7 @@ class Proposer:
         histories: Sequence[History],
         compute: Callable[[Sequence[StepRequest]], list[StepResult]],
     ) -> list[NextStep]:
-        """The steps after these histories, which are kept from now on."""
+        """Compute and cache the steps after these histories."""
         candidate_set = self.candidate_set(trial.study_id, trial.environment)
         with self._metrics.fitting(len(histories)):
             results = compute(
@@ -248,7 +267,7 @@ class Proposer:
 
 
 def next_step(candidate_set: CandidateSet, trial: TrialSpec, history: History) -> NextStep:
-    """The step after `history`, from nothing but its arguments."""
+    """Compute the step after `history` without any cache. Pure."""
     return _step(candidate_set, trial, compute_step(_step_request(candidate_set, trial, history)))
 
 
@@ -264,7 +283,7 @@ def _step_request(candidate_set: CandidateSet, trial: TrialSpec, history: Histor
 
 
 def _step(candidate_set: CandidateSet, trial: TrialSpec, result: StepResult) -> NextStep:
-    """A thought, with the recordings that show its query."""
+    """The step of a result, with recordings drawn for its query."""
     query = result.query
     return NextStep(
         next=None if query is None else _next_query(candidate_set, trial, query, result.likelier),

@@ -17,9 +17,9 @@ from .computation import History
 
 T = TypeVar("T")
 
-#: Trials with steps in the cache: more than a server's evaluators at any time.
+#: Cached trials: more than one server has evaluators at any time.
 MAX_TRIALS: Final = 2_000
-#: Deleted trials that are refused: far more than are deleted while one computation runs.
+#: Deleted trials that are remembered: far more than are deleted while one computation runs.
 MAX_PURGED: Final = 10_000
 
 
@@ -30,28 +30,28 @@ class _Trial(Generic[T]):
 
 
 class StepCache(Generic[T]):
-    """The step after each history of a trial, for the trials that were used last."""
+    """Steps by trial seed and history, for the most recently used trials."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._trials: LRUCache[int, _Trial[T]] = LRUCache(MAX_TRIALS)
-        # A computation that is under way must not put a deleted trial back.
+        # A computation that was running when its trial was deleted must not store its result.
         self._purged: LRUCache[int, None] = LRUCache(MAX_PURGED)
 
     def get(self, seed: int, histories: Sequence[History]) -> list[T | None]:
-        """The step after each of these histories; None where it is not cached."""
+        """The step after each of these histories, in order; None for those that are not cached."""
         with self._lock:
             trial = self._trials.get(seed)
             return [None if trial is None else trial.steps.get(history) for history in histories]
 
     def put(self, seed: int, steps: Mapping[History, T]) -> None:
-        """Cache these steps, all at once."""
+        """Cache these steps atomically. Ignored for a purged trial."""
         with self._lock:
             if seed not in self._purged:
                 self._trial(seed).steps.update(steps)
 
     def advance(self, seed: int, answers: int) -> None:
-        """Note that the trial has this many answers, and drop the steps after fewer."""
+        """Set the trial's number of answers, and drop the steps after shorter histories."""
         with self._lock:
             if seed not in self._purged:
                 trial = self._trial(seed)
@@ -77,7 +77,7 @@ class StepCache(Generic[T]):
                 self._trials.pop(seed, None)
 
     def purge(self, seeds: frozenset[int]) -> None:
-        """Drop the steps of these deleted trials, and refuse further ones."""
+        """Drop the steps of these deleted trials, and ignore further ones."""
         with self._lock:
             self._purged.update(dict.fromkeys(seeds))
         self.evict(seeds)

@@ -1,7 +1,7 @@
-"""The course of a trial: what is shown at each of its places, from what was shown before.
+"""The schedule of a trial: which query comes at each index, given the queries before it.
 
-Pure, as the optimiser's proposals are: the same trial, record and seed give the same query, so that
-nothing here needs to be kept.
+All functions are pure, like the optimiser's proposals: the same trial, queries and seed give the
+same next query, so it can be recomputed instead of stored.
 """
 
 from __future__ import annotations
@@ -21,18 +21,22 @@ from .attention_checks import attention
 from .computation import History
 from .proposer import CandidateSet, NextStep, ProposedQuery, RecordingRef, TrialSpec
 
-#: Tell draws apart from every other use of a trial's seed.
+#: Separate the random streams from the other uses of a trial's seed.
 _REPLACEMENT_DRAW = 104
 _SCHEDULE_DRAW = 106
 _CHECK_DRAW = 107
 
-#: A pair where a check was to be that could not be shown: it has no use, and teaches nothing.
+#: Type of a random pair in place of a check that could not be shown. It is not learnt from.
 FILLER = "filler"
 
 
 @dataclass(frozen=True)
 class AskedQuery:
-    """A query as it was stored: candidates by their index, recordings by their id."""
+    """A stored query with its response.
+
+    left, right: candidate indices. left_recording, right_recording: primary keys. repeats: index of
+    the repeated query. response: None while the query is open.
+    """
 
     query_index: int
     trial_type: str
@@ -47,7 +51,7 @@ class AskedQuery:
     skip_reason: str | None = None
 
 
-#: The answered queries of a trial, in order: one for each place.
+#: The answered queries of a trial, one for each index, in order.
 AnsweredQueries = tuple[AskedQuery, ...]
 
 
@@ -59,12 +63,12 @@ def is_training(trial: TrialSpec, trial_type: str) -> bool:
 
 
 def training_records(trial: TrialSpec, record: AnsweredQueries) -> AnsweredQueries:
-    """The part of the record that the model learns from."""
+    """The answered queries that the model learns from."""
     return tuple(shown for shown in record if is_training(trial, shown.trial_type))
 
 
 def training_history(trial: TrialSpec, record: AnsweredQueries) -> History:
-    """What the model learns from, as the optimiser takes it."""
+    """The answered queries that the model learns from, in the form the optimiser reads."""
     with_reasons = learns_reasons(trial.method, trial.engine_version)
     return tuple(
         (shown.left, shown.right, shown.response or "", shown.skip_reason)
@@ -75,7 +79,7 @@ def training_history(trial: TrialSpec, record: AnsweredQueries) -> History:
 
 
 def kind_at(trial: TrialSpec, place: int) -> Kind | None:
-    """What comes at this place of a trial; None after the last."""
+    """The kind of query at this index of a trial; None after the last."""
     places = _places(trial.seed, trial.queries, trial.repeats, trial.attention)
     return places[place] if place < len(places) else None
 
@@ -88,7 +92,10 @@ def _places(seed: int, queries: int, repeats: int, attention: int) -> tuple[Kind
 def next_query(
     candidate_set: CandidateSet, trial: TrialSpec, record: AnsweredQueries, step: NextStep
 ) -> ProposedQuery | None:
-    """The query after these; None after the last. step: what follows what they taught."""
+    """The query after `record`; None after the last.
+
+    step: the optimiser's step after `training_history(trial, record)`.
+    """
     place = len(record)
     kind = kind_at(trial, place)
     if kind is None:
@@ -102,7 +109,7 @@ def next_query(
 def check_at(
     candidate_set: CandidateSet, trial: TrialSpec, record: AnsweredQueries, place: int
 ) -> ProposedQuery:
-    """The check at this place. It does not depend on the response just before it."""
+    """The check at this index. It does not depend on the immediately preceding response."""
     rng = np.random.default_rng([trial.seed, _CHECK_DRAW, place])
     if kind_at(trial, place) is Kind.ATTENTION:
         check = attention(candidate_set, trial, place, rng)
@@ -122,7 +129,7 @@ def _repeat(
     place: int,
     rng: np.random.Generator,
 ) -> ProposedQuery:
-    """An earlier query again, its sides swapped. The one just before would be recognised."""
+    """An earlier query with its sides swapped, never the one just before, which is remembered."""
     done = {shown.repeats for shown in record}
     open_to_it = [
         shown
@@ -131,7 +138,7 @@ def _repeat(
         and shown.query_index not in done
         and kind_at(trial, shown.query_index) is Kind.MODEL
     ]
-    # Whether somebody chooses alike can be told of a choice; a skip is second best.
+    # Consistency can be measured on choices; a skipped query is repeated only if there is no other.
     chosen = [shown for shown in open_to_it if shown.response != "skip"] or open_to_it
     earlier = chosen[int(rng.integers(len(chosen)))]
     by_id = {
@@ -160,11 +167,11 @@ def replacement(
     tried: Sequence[AskedQuery],
     usable: Callable[[RecordingRef], bool],
 ) -> ProposedQuery:
-    """The query in place of one that did not play; `tried` are all attempts at its place.
+    """The query that replaces one whose video did not play.
 
-    The same candidates by recordings that were not tried yet; where there are none, a random pair
-    of other candidates. `usable` says whether a recording's video can be had. Raises
-    NothingToShowError if hardly any can.
+    It shows the same candidates by recordings that were not tried yet, or else a random pair of
+    other candidates. tried: all attempts at this index, oldest first. usable: whether a recording's
+    video is available. Raises NothingToShowError if fewer than two candidates have such a video.
     """
     last = tried[-1]
     place = last.query_index
@@ -221,7 +228,7 @@ def _filler(
     candidates: Sequence[int],
     usable: Callable[[RecordingRef], bool],
 ) -> ProposedQuery:
-    """Two of these candidates at random, in place of what could not be shown."""
+    """A random pair of these candidates, of type FILLER."""
     drawn = rng.choice(len(candidates), 2, replace=False)
     pair = [candidates[int(index)] for index in drawn]
     recordings = [
@@ -245,7 +252,7 @@ def _filler(
 def _other_candidates(
     candidate_set: CandidateSet, tried: Sequence[AskedQuery], usable: Callable[[RecordingRef], bool]
 ) -> list[int]:
-    """Candidates that can be shown, without those tried; where too few are left, with them."""
+    """Candidates that can be shown and were not tried; if fewer than two, all that can be shown."""
     can_be_shown = [
         candidate
         for candidate, recordings in enumerate(candidate_set.recordings)

@@ -1,1 +1,1 @@
-"""Recordings of candidates: where a video comes from, and the stores that keep the files."""
+"""Recordings of candidates: the source of each video, and the stores that hold the files."""

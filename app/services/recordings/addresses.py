@@ -1,9 +1,9 @@
-"""Addresses of recordings, sealed for one place in one session.
+"""Addresses of recordings, encrypted for one position in one session.
 
-An address holds the session, the place in it and the recording, encrypted and authenticated by
-AES-SIV (RFC 5297) under a key of the server's. The encryption is deterministic: the same place of
-the same session has the same address each time, so that a browser finds again what it has fetched
-ahead. The same recording has another address in any other session, and at any other place.
+An address holds the session, the position in it and the recording, encrypted and authenticated by
+AES-SIV (RFC 5297) under a key of the server. The encryption is deterministic: the same position of
+the same session always has the same address, so that prefetched videos are found in the browser's
+cache. The same recording has a different address in any other session and at any other position.
 """
 
 from __future__ import annotations
@@ -20,24 +20,27 @@ from cryptography.hazmat.primitives.ciphers.aead import AESSIV
 from app.services.server_secret import ServerSecret
 from app.storage.models.studies import SessionRow
 
-#: Session, its seed (48 bits), recording, and the two numbers of a place.
+#: Session id, session seed (16 + 32 bits), recording id, and the two numbers of a position.
 _FORM = struct.Struct(">IHIIhh")
 _SEED_BITS = 48
-#: What AES-SIV adds, in bytes.
+#: Length of the AES-SIV tag in bytes.
 _TAG = 16
 _LETTERS = -(-(_FORM.size + _TAG) * 8 // 6)
 
-#: First numbers of places that are in no trial; those of trials count from -1, the practice.
+#: First numbers of positions outside trials. Trials have their index, and the practice has -1.
 DEVICE_CHECK = -2
 FAMILIARISATION = -3
 
-#: Where in a session a recording is shown: a trial and a query, or one of the above and a number.
+#: A position in a session: trial and query index, or one of the above and a number.
 Place = tuple[int, int]
 
 
 @dataclass(frozen=True)
 class AddressedRecording:
-    """What an address stands for. seed: of the session; another one may have its id by now."""
+    """The decrypted content of an address.
+
+    seed: of the session, 48 bits. It tells the session from a later one with the same id.
+    """
 
     session_id: int
     seed: int
@@ -45,20 +48,20 @@ class AddressedRecording:
 
 
 class VideoAddresses:
-    """Seals addresses, and opens those that it has sealed."""
+    """Encrypts and decrypts addresses with a key derived from the server's secret."""
 
     def __init__(self, secret: ServerSecret) -> None:
         self._secret = secret
 
     def of(self, session: SessionRow, recording_id: int, place: Place) -> str:
-        """The name under which a session finds this recording at this place."""
+        """The address of this recording at this position of the session."""
         seed = session.seed % 2**_SEED_BITS
         plain = _FORM.pack(session.id or 0, seed >> 32, seed % 2**32, recording_id, *place)
         sealed = self._cipher.encrypt(plain, None)
         return base64.urlsafe_b64encode(sealed).decode().rstrip("=")
 
     def opened(self, name: str) -> AddressedRecording | None:
-        """What a name stands for; None if this server has not sealed it."""
+        """The content of an address; None if it was not made with this server's key."""
         if len(name) != _LETTERS:
             return None
         try:
@@ -75,6 +78,6 @@ class VideoAddresses:
 
 
 def is_of_session(shown: AddressedRecording, seed: int) -> bool:
-    """Whether the address was sealed for the session that has this seed."""
+    """Whether the address was made for the session with this seed."""
     own: int = seed % 2**_SEED_BITS
     return shown.seed == own

@@ -1,4 +1,4 @@
-"""Studies' own videos as they are handed out: the pictures of each, without its metadata."""
+"""Copies of a study's own videos without metadata: remuxed, the pictures unchanged."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ from . import recordings
 
 @contextmanager
 def videos(settings: Settings, folder: StudyFolder) -> Iterator[Mapping[str, Path]]:
-    """Copies of the folder's videos without metadata, until the block ends.
+    """Remux the folder's videos into temporary files, which are deleted when the block ends.
 
-    Each by the SHA-256 of the file that it was made of, under the name that it is kept by. Raises
-    ConflictError if a video cannot be copied so.
+    Yields the path of each copy by the SHA-256 of its source file. The copy's file name is its
+    locator. Raises ConflictError if a video cannot be remuxed.
     """
     named = {row.sha256: row.file for row in folder.recordings}
     if not named:

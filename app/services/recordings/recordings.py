@@ -1,7 +1,7 @@
-"""Where a recording's video comes from: a study's own file, or the crane, rendered when needed.
+"""Files of recordings: a study's own videos, and videos of the crane, rendered on demand.
 
-This is the one place that knows; the rest asks for a recording and gets a file, or a link to it.
-Where files are kept, in folders or in a store of the network, is `stores`' to know.
+Callers ask for a recording and get its file or a URL; only this module distinguishes the two
+sources. The `stores` package decides whether files lie in folders or in an object store.
 """
 
 from __future__ import annotations
@@ -37,21 +37,21 @@ log = logging.getLogger(__name__)
 FILE = "file"
 CRANE = "crane"
 
-#: How many recordings' sources are remembered: a video is asked for in several ranges.
+#: Cached sources of recordings: a video is requested in several ranges.
 _MAX_SOURCES = 20_000
 
-#: For how long it is remembered what a session was shown, in seconds.
+#: How long the source of a session's recording is cached, in seconds.
 _SHOWN_S = 60.0
 
-#: Videos that are put into a store at the same time.
+#: Concurrent uploads to a store.
 _AT_ONCE = 8
 
-#: A process that makes many videos opens its store once.
+#: Cached, so that a process which renders many videos opens its store once.
 _stores = lru_cache(maxsize=4)(open_stores)
 
 
 class Source(Protocol):
-    """Where one recording comes from; `locator` is read by its kind of source."""
+    """The source of one recording: its kind (FILE or CRANE), and a locator in its format."""
 
     @property
     def source(self) -> str: ...
@@ -62,12 +62,17 @@ class Source(Protocol):
 
 @dataclass(frozen=True)
 class FoundSource:
+    """A `Source` read from the database."""
+
     source: str
     locator: str
 
 
 class Recordings:
-    """Hands out the files of recordings. Whatever asks a store may raise StoreAwayError."""
+    """Serves, renders, stores and deletes the files of recordings.
+
+    Methods that access a store may raise StoreAwayError. Thread-safe.
+    """
 
     def __init__(self, database: Database, background: Background, settings: Settings) -> None:
         self._database = database
@@ -80,18 +85,18 @@ class Recordings:
 
     @property
     def origin(self) -> str | None:
-        """The site that browsers get videos from; None where that is ours."""
+        """Origin of the object store that browsers load videos from; None for this server."""
         return self._stores.own.origin
 
     def find(self, public_id: str) -> Source:
-        """The source of the recording that a browser knows as `public_id`, or NotFoundError."""
+        """The source of the recording with this public id. Raises NotFoundError."""
         return self._find(public_id)
 
     def of_session(self, shown: AddressedRecording) -> Source:
-        """The source of what a session is shown. Raises GoneError once the session is deleted.
+        """The source of a session's recording. Raises GoneError if the session was deleted.
 
-        What was found is remembered for a minute: for so long, addresses of a session that another
-        process has deleted go on.
+        Results are cached for a minute. During that minute, the addresses of a session that another
+        process has deleted remain valid here.
         """
         with self._shown_lock:
             held = self._shown.get(shown)
@@ -117,12 +122,12 @@ class Recordings:
             self._shown.clear()
 
     def is_available(self, source: Source) -> bool:
-        """Whether there is a file, or one can be made, as far as is known. Asks no network."""
+        """Whether the file exists or can be rendered; True if unknown. Makes no network call."""
         store, name = self._kept(source)
         return source.source == CRANE or store.exists_cached(name) is not False
 
     def sizes(self, sources: Iterable[Source]) -> Mapping[str, int]:
-        """Bytes of the files that are there, by locator; nothing while a store is away."""
+        """Sizes in bytes of the files that exist, by locator; none of a store that is away."""
         locators: dict[str, dict[str, str]] = {FILE: {}, CRANE: {}}
         for source in sources:
             locators[source.source][self._kept(source)[1]] = source.locator
@@ -136,10 +141,10 @@ class Recordings:
         return found
 
     def ensure(self, source: Source, *, urgent: bool = True) -> Future[Any]:
-        """Done once the recording's file is there; a missing one is rendered in another process.
+        """A future that is done when the recording's file exists; a missing one is rendered.
 
-        It may ask a network: call it in no transaction. Raises NotFoundError, at once, if a study's
-        own file has gone.
+        urgent: put the rendering at the head of the queue. May make a network call: do not call it
+        within a transaction. Raises NotFoundError immediately if a study's own file is missing.
         """
         store, name = self._kept(source)
         if store.exists_cached(name) or store.sizes([name]):
@@ -151,25 +156,29 @@ class Recordings:
         return self._make(source, urgent=urgent)
 
     def serve(self, source: Source, *, head: bool = False) -> Path | SignedUrl | InternalRedirect:
-        """How a browser gets the file that `ensure` saw to, by a GET or, if `head`, by a HEAD."""
+        """How to answer a request for a file that `ensure` has provided.
+
+        Returns a path to send, a signed URL to redirect to, or an internal redirect for the proxy.
+        head: whether the request is a HEAD.
+        """
         store, name = self._kept(source)
         return store.serve(name, head=head)
 
     def prefetch(self, source: Source) -> None:
-        """Begin to make a video that will be asked for; a fault shows when it is."""
+        """Start to render a missing video in the background; `ensure` reports any error later."""
         if source.source != CRANE:
             return
         store, name = self._kept(source)
         match store.exists_cached(name):
             case None:
-                # A store has to be asked, and whoever calls may be in the middle of a transaction.
+                # This needs a network call, and the caller may be within a transaction.
                 self._background.in_thread(("there", name), self._make_missing, source)
             case False:
                 self._make(source, urgent=False)
 
     @contextmanager
     def files(self, sources: Sequence[Source]) -> Iterator[list[Path]]:
-        """Copies of those files that are there, in their order, until the block ends."""
+        """Temporary copies of the files that exist, in order, deleted when the block ends."""
         with tempfile.TemporaryDirectory(prefix="pbpo-videos-") as folder:
             targets = [Path(folder) / str(number) for number in range(len(sources))]
             yield [
@@ -179,16 +188,16 @@ class Recordings:
             ]
 
     def copy_to(self, source: Source, target: Path) -> bool:
-        """Make `target` the recording's file; False if there is none."""
+        """Copy the recording's file to `target`. Returns False if there is no file."""
         store, name = self._kept(source)
         return store.copy_to(name, target)
 
     def keep_files(self, videos: Mapping[str, Path]) -> None:
-        """Keep studies' own videos, each under the locator that `file_locator` gives."""
+        """Put studies' own videos into the store. videos: path by locator (see `file_locator`)."""
         _put_all(self._stores.own, videos)
 
     def delete(self, locators: Iterable[str]) -> None:
-        """Delete videos of studies' own that no study has any more."""
+        """Delete studies' own videos by their locators. Tries all before raising StoreAwayError."""
         self._find.cache_clear()
         self.clear_session_cache()
         left = []
@@ -205,15 +214,16 @@ class Recordings:
             )
 
     def fault(self) -> str | None:
-        """What keeps recordings from being handed out, in a sentence; None if nothing does."""
+        """Why recordings cannot be served, as a sentence; None if they can."""
         return self._stores.own.fault()
 
     def require_reachable(self) -> None:
-        """Raises StoreAwayError if recordings could not be deleted now."""
+        """Raise StoreAwayError if the store of studies' own videos is not reachable."""
         if fault := self.fault():
             raise StoreAwayError(fault)
 
     def close(self) -> None:
+        """Close the connections of both stores."""
         self._stores.own.close()
         self._stores.rendered.close()
 
@@ -246,53 +256,53 @@ class Recordings:
 
 
 def make_video(settings: Settings, locator: str) -> Path:
-    """Make the video of a crane's recording where it is missing, in any process: its file.
+    """Render a crane recording's video unless it exists, and return its path. For any process.
 
-    It is made in the media folder, and put from there into the store, where that is another place.
-    Raises StoreAwayError where either does not take it.
+    The video is written to the media folder and copied from there into the store if that is
+    elsewhere. Raises StoreAwayError if either cannot be written to.
     """
     try:
         video = library.ensure_video(*_crane_run(locator), settings.media_dir)
         _stores(settings).rendered.put(video.name, video)
     except OSError as error:
-        # The folder went away, say, or the disk is full.
+        # For example, the folder is gone or the disk is full.
         raise StoreAwayError(f"the video could not be made: {error.strerror}") from error
     return video
 
 
 def keep_rendered(settings: Settings, folder: Path) -> None:
-    """Put the rendered videos of a folder where the settings keep such videos."""
+    """Copy the rendered videos of a folder into the store for rendered videos."""
     _put_all(_stores(settings).rendered, {video.name: video for video in folder.glob("*.mp4")})
 
 
 def video_url(name: str) -> str:
-    """The address of a recording: by its public id, or by a name that one session knows it as."""
+    """The URL path of a recording. name: its public id, or its address within a session."""
     return f"/media/{name}.mp4"
 
 
 def file_locator(sha256: str, form: str) -> str:
-    """What a study's own video is called wherever it is kept.
+    """The locator of a study's own video, which is also its name in every store.
 
-    sha256: of the experimenter's own file. form: mp4 or webm, as the content is and not as its
-    name says.
+    sha256: of the experimenter's original file. form: mp4 or webm, detected from the content.
     """
     return f"{sha256}.{form}"
 
 
 def own_sha256(locator: str) -> str:
-    """The SHA-256 of the experimenter's own file, of the locator of a study's own video."""
+    """The SHA-256 of the original file that the locator of a study's own video contains."""
     return PurePosixPath(locator).stem
 
 
 def _put_all(store: Store, files: Mapping[str, Path]) -> None:
-    # In no order that says anything: a store tells everybody when it was given a file.
+    # In random order, because stores publish modification times, and these would reveal the order.
     names = sorted(files, key=lambda _name: secrets.token_bytes(8))
     with ThreadPoolExecutor(_AT_ONCE) as threads:
-        # Whatever goes wrong with one of them is raised here.
+        # Consuming the results raises the first error.
         list(threads.map(store.put, names, (files[name] for name in names)))
 
 
 def crane_locator(environment: str, candidate_index: int, run_index: int) -> str:
+    """The locator of a run of the crane, such as `env1/12/0`."""
     return f"{environment}/{candidate_index}/{run_index}"
 
 

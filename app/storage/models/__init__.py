@@ -1,1 +1,1 @@
-"""The tables, by subject."""
+"""The ORM models, by subject."""

@@ -1,6 +1,6 @@
-"""The tables of those who run studies: accounts and how they get in, and whose a study is.
+"""Tables of accounts: sign-ins, API tokens, invitations, and access to studies.
 
-Secrets (sign-ins, API tokens, invitations) are kept as hashes alone.
+Secrets (sign-ins, API tokens, invitations) are stored as hashes only.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from .studies import Base, one_of
 
 
 class Account(Base):
-    """Somebody who runs studies, or reads about them."""
+    """An account of a person who runs or reviews studies."""
 
     __tablename__ = "accounts"
     __table_args__ = (one_of("role", "admin", "experimenter", "reviewer"),)
@@ -24,12 +24,12 @@ class Account(Base):
     password_hash: Mapped[str] = mapped_column(String(200))
     role: Mapped[str] = mapped_column(String(12))
     created_at: Mapped[datetime]
-    # Since when nobody can sign in with it; what its owner did stays in the record.
+    # Since when the account cannot sign in; its audit events remain.
     disabled_at: Mapped[datetime | None]
 
 
 class SignIn(Base):
-    """A browser in which somebody is signed in."""
+    """A signed-in browser."""
 
     __tablename__ = "sign_ins"
 
@@ -52,7 +52,7 @@ class ApiToken(Base):
     account_id: Mapped[int] = mapped_column(ForeignKey("accounts.id", ondelete="CASCADE"))
     label: Mapped[str] = mapped_column(String(100))
     token_hash: Mapped[str] = mapped_column(String(64), unique=True)
-    # read: looks and exports; identities: platforms' ids too; write: all that its account may do.
+    # read: view and export; identities: platforms' ids as well; write: everything the account may.
     scope: Mapped[str] = mapped_column(String(10))
     created_at: Mapped[datetime]
     expires_at: Mapped[datetime]
@@ -61,7 +61,7 @@ class ApiToken(Base):
 
 
 class Invitation(Base):
-    """A link that lets somebody choose a password, once: for a new account or a lost password."""
+    """A single-use link to choose a password, for a new account or a lost password."""
 
     __tablename__ = "invitations"
     __table_args__ = (one_of("role", "admin", "experimenter", "reviewer"),)
@@ -69,7 +69,7 @@ class Invitation(Base):
     id: Mapped[int] = mapped_column(primary_key=True)
     token_hash: Mapped[str] = mapped_column(String(64), unique=True)
     email: Mapped[str] = mapped_column(String(254))
-    # Of the account to be made; None: the account of that address gets another password.
+    # Role of the new account; None: reset the password of the account with this address.
     role: Mapped[str | None] = mapped_column(String(12))
     created_at: Mapped[datetime]
     expires_at: Mapped[datetime]
@@ -77,19 +77,19 @@ class Invitation(Base):
 
 
 class FailedSignIn(Base):
-    """A password that was wrong, kept for minutes only, to slow down who guesses."""
+    """A failed sign-in, kept for minutes only, for the rate limit on password guessing."""
 
     __tablename__ = "failed_sign_ins"
     __table_args__ = (Index("ix_failed_sign_ins_key_hash_failed_at", "key_hash", "failed_at"),)
 
     id: Mapped[int] = mapped_column(primary_key=True)
-    # Of the address tried: it may be nobody's.
+    # Of the address that was tried; there need not be an account with it.
     key_hash: Mapped[str] = mapped_column(String(64))
     failed_at: Mapped[datetime]
 
 
 class StudyAccess(Base):
-    """Whose a study is, and whom it is shared with."""
+    """An account's access to a study, as its owner or shared."""
 
     __tablename__ = "study_access"
     __table_args__ = (

@@ -1,4 +1,4 @@
-"""The tables of how people come in and leave: links that let one in, and what a deletion leaves."""
+"""Tables of arrival and deletion: entry links, re-entries, and what is kept of deleted sessions."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from .studies import Base, one_of
 
 
 class EntryLink(Base):
-    """A link of the study's own that lets one person in once."""
+    """A single-use link into a study, issued by its experimenter."""
 
     __tablename__ = "entry_links"
 
@@ -25,7 +25,7 @@ class EntryLink(Base):
 
 
 class Reentry(Base):
-    """A further way into a session: its person, recognised, came back in another browser."""
+    """A further token of a session, for its participant who returned in another browser."""
 
     __tablename__ = "reentries"
 
@@ -39,7 +39,7 @@ class Reentry(Base):
 
 
 class Tombstone(Base):
-    """That a session was deleted, and why: for the count, nothing of the person."""
+    """Records that a session was deleted, and why, for the counts. Contains no personal data."""
 
     __tablename__ = "tombstones"
     __table_args__ = (one_of("reason", "wish", "retention"),)
@@ -48,13 +48,13 @@ class Tombstone(Base):
     study_id: Mapped[int] = mapped_column(ForeignKey("studies.id", ondelete="CASCADE"), index=True)
     mode: Mapped[str] = mapped_column(String(10))
     stage: Mapped[str] = mapped_column(String(16))
-    # At the person's wish, or by the study's rule on how long it keeps what it was given.
+    # At the participant's wish, or by the study's retention rule.
     reason: Mapped[str] = mapped_column(String(10))
     deleted_at: Mapped[datetime]
 
 
 class DeletedStudy(Base):
-    """That a study of this name was deleted, and the way back for those who were in it."""
+    """Records that a study was deleted, with the return link for its participants."""
 
     __tablename__ = "deleted_studies"
 
@@ -67,7 +67,7 @@ class DeletedStudy(Base):
 
 
 class DeletedSession(Base):
-    """A session that ended with its study: whose browser it was can be told so, by its token."""
+    """A session that was deleted with its study, so that its browser can be told so."""
 
     __tablename__ = "deleted_sessions"
 
@@ -75,5 +75,5 @@ class DeletedSession(Base):
     deleted_study_id: Mapped[int] = mapped_column(
         ForeignKey("deleted_studies.id", ondelete="CASCADE"), index=True
     )
-    # A hash of the session's random token, and not the one that a backup holds.
+    # A hash of the session's random token, different from the one in backups.
     token_key: Mapped[str] = mapped_column(String(64), unique=True)

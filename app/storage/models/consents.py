@@ -1,4 +1,4 @@
-"""The tables of who agreed to what, and of how many declined."""
+"""Tables of consents, and of the number of people who declined."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from .studies import Base
 
 
 class ConsentRow(Base):
-    """That a session's person agreed to the consent of one version of the plan. Only added to."""
+    """A participant's consent under one version of the plan. Append-only."""
 
     __tablename__ = "consents"
     __table_args__ = (UniqueConstraint("session_id", "plan_id"),)
@@ -20,12 +20,12 @@ class ConsentRow(Base):
     session_id: Mapped[int] = mapped_column(ForeignKey("sessions.id", ondelete="CASCADE"))
     plan_id: Mapped[int] = mapped_column(ForeignKey("plans.id", ondelete="CASCADE"))
     consent_version: Mapped[str] = mapped_column(String(12))
-    # None: an agreement that was renewed before its time was kept.
+    # None: a consent that was renewed before times were stored.
     agreed_at: Mapped[datetime | None]
 
 
 class DeclinedCount(Base):
-    """How often somebody declined on the consent page of a study, by the day: no session, no id."""
+    """Number of people who declined on a study's consent page, by day; without session or id."""
 
     __tablename__ = "declined_counts"
     __table_args__ = (

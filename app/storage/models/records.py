@@ -1,4 +1,4 @@
-"""The tables of what was done: the audit trail, work under way, studies being made, and faults."""
+"""Tables of the audit trail, jobs, study drafts, and failure counts."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from .studies import Base, one_of
 
 
 class AuditEvent(Base):
-    """What somebody who runs studies did. Only ever added to: the database refuses the rest.
+    """An action of an experimenter or of the server. Append-only: the database refuses changes.
 
-    It names accounts and studies as they were called then, so that it outlives both, and holds
-    nothing of a participant but pseudonyms.
+    Accounts and studies are stored by their names at the time, so that the event outlives them.
+    Participants appear by pseudonym only.
     """
 
     __tablename__ = "audit_events"
@@ -31,7 +31,7 @@ class AuditEvent(Base):
 
 
 class Job(Base):
-    """Work that somebody asked for and watches: a simulation, a transcoding, a report."""
+    """A long-running job that an experimenter requested, such as a simulation or a transcoding."""
 
     __tablename__ = "jobs"
     __table_args__ = (
@@ -50,17 +50,17 @@ class Job(Base):
     done: Mapped[int]
     total: Mapped[int]
     request: Mapped[dict[str, Any]]
-    # What came of it, or why nothing did, in a sentence.
+    # The result, or why the job failed, as a sentence.
     message: Mapped[str | None] = mapped_column(Text)
     created_at: Mapped[datetime]
     started_at: Mapped[datetime | None]
-    # While it runs it says so now and then; a job that fell silent is begun again.
+    # Heartbeat of the running job; a job without a recent one is restarted.
     seen_at: Mapped[datetime | None]
     ended_at: Mapped[datetime | None]
 
 
 class StudyDraft(Base):
-    """A study folder being made in the browser: its files lie in the uploads folder."""
+    """A study folder that is being edited in the browser; its files are in the uploads folder."""
 
     __tablename__ = "study_drafts"
 
@@ -75,7 +75,7 @@ class StudyDraft(Base):
 
 
 class FaultCount(Base):
-    """How often something of ours failed in a study within an hour: a count, and nobody's data."""
+    """Number of server-side failures of one kind in a study within one hour."""
 
     __tablename__ = "fault_counts"
     __table_args__ = (
@@ -87,7 +87,7 @@ class FaultCount(Base):
     study_id: Mapped[int] = mapped_column(ForeignKey("studies.id", ondelete="CASCADE"))
     # What failed: a page, a call, a video, the database.
     kind: Mapped[str] = mapped_column(String(20))
-    # The beginning of the hour.
+    # Start of the hour, UTC.
     hour: Mapped[datetime]
     number: Mapped[int]
     last_at: Mapped[datetime]

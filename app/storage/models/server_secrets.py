@@ -1,4 +1,4 @@
-"""The table of the server's own secret: one row, which no export reads."""
+"""Table of the server's secret: one row, which no export reads."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""The tables of a study: its plan, its candidates and recordings, and what people answered.
+"""Tables of a study: plan, candidates, recordings, sessions, queries and responses.
 
-Every invariant that must hold is a named constraint, so that the database defends the data even
-where the code is wrong. Responses are append-only; preferences and acquired candidates are derived
-from them and could be worked out again. Ids of platforms live in `identities` alone.
+Every invariant is a named constraint, so that the database protects the data even from faulty code.
+Responses are append-only; preferences and acquired candidates are derived from them and can be
+recomputed. Ids of platforms are stored in `identities` only.
 """
 
 from __future__ import annotations
@@ -35,6 +35,8 @@ NAMING = {
 
 
 class Base(DeclarativeBase):
+    """Base of all models: constraint names, and column types by annotation."""
+
     metadata = MetaData(naming_convention=NAMING)
     type_annotation_map: ClassVar = {
         datetime: UtcDateTime,
@@ -45,18 +47,18 @@ class Base(DeclarativeBase):
 
 
 def one_of(column: str, *values: str) -> CheckConstraint:
-    """The column holds one of these values (or NULL, where it may)."""
+    """A constraint that the column has one of these values (or NULL, if it is nullable)."""
     allowed = ", ".join(f"'{value}'" for value in values)
     return CheckConstraint(f"{column} IN ({allowed})", name=column)
 
 
 class Study(Base):
-    """One experiment. Its plan may have versions; a session holds on to the one it began."""
+    """One experiment. Its plan can have several versions; a session keeps the one it began with."""
 
     __tablename__ = "studies"
     __table_args__ = (
         one_of("status", "draft", "open", "closed"),
-        # An id never comes again: servers remember a study's candidates by it.
+        # Ids are never reused: servers cache a study's candidates by id.
         {"sqlite_autoincrement": True},
     )
 
@@ -66,11 +68,11 @@ class Study(Base):
     created_at: Mapped[datetime]
     opened_at: Mapped[datetime | None]
     closed_at: Mapped[datetime | None]
-    # Since when an open study lets nobody in for a while.
+    # Since when an open study is paused for new participants.
     paused_at: Mapped[datetime | None]
-    # Hash of the secret in the link that lets people into a pilot; None while there is none.
+    # Hash of the secret in the pilot link; None if there is no such link.
     pilot_link_hash: Mapped[str | None] = mapped_column(String(64), unique=True, index=True)
-    # Names of conditions that new sessions are not given any more.
+    # Names of conditions that are no longer assigned to new sessions.
     conditions_off: Mapped[list[str]] = mapped_column(default=list, server_default="[]")
 
     plans: Mapped[list[PlanVersion]] = relationship(
@@ -113,7 +115,7 @@ class Candidate(Base):
 
 
 class Recording(Base):
-    """One recorded run of a candidate. `public_id` is all that a browser ever learns of it."""
+    """One recorded run of a candidate. Browsers only ever see its `public_id`."""
 
     __tablename__ = "recordings"
     __table_args__ = (
@@ -126,9 +128,9 @@ class Recording(Base):
     run_index: Mapped[int]
     public_id: Mapped[str] = mapped_column(String(32), unique=True)
     source: Mapped[str] = mapped_column(String(10))
-    # For a file: its content's SHA-256 and ending. For the crane: environment/candidate/run.
+    # For a file: SHA-256 of its content, and extension. For the crane: environment/candidate/run.
     locator: Mapped[str] = mapped_column(String(200))
-    # What the experimenter's own file was called; None for the crane.
+    # Name of the experimenter's original file; None for the crane.
     file: Mapped[str | None] = mapped_column(Text)
     duration_s: Mapped[float]
     score: Mapped[float | None]
@@ -137,7 +139,7 @@ class Recording(Base):
 
 
 class Participant(Base):
-    """A person in a study, known by a random pseudonym."""
+    """A participant of a study, identified by a random pseudonym."""
 
     __tablename__ = "participants"
 
@@ -148,7 +150,7 @@ class Participant(Base):
 
 
 class Identity(Base):
-    """What a platform calls a participant: kept apart, exported only by name, erasable alone."""
+    """A platform's id of a participant: stored apart, exported only on request, erasable alone."""
 
     __tablename__ = "identities"
     __table_args__ = (UniqueConstraint("participant_id", "key"),)
@@ -161,7 +163,7 @@ class Identity(Base):
 
 
 class SessionRow(Base):
-    """One passage of a participant through a study: where it stands, and under which plan."""
+    """One participant's session: its position in the protocol, and the plan it runs under."""
 
     __tablename__ = "sessions"
     __table_args__ = (
@@ -205,17 +207,17 @@ class SessionRow(Base):
     break_ends_at: Mapped[datetime | None]
     consent_version: Mapped[str | None] = mapped_column(String(12))
     consented_at: Mapped[datetime | None]
-    # How the person came: a recruitment platform's name, or None for a plain link.
+    # Recruitment platform that the participant came from; None for a plain link.
     platform: Mapped[str | None] = mapped_column(String(20))
-    # Hash of the code with which the person can ask for deletion later, without an account.
+    # Hash of the receipt code, with which the participant can request deletion later.
     receipt_hash: Mapped[str | None] = mapped_column(String(64), unique=True)
-    # Places in the familiarisation playlist that were watched to the end.
+    # Indices in the familiarisation playlist that were watched to the end.
     watched: Mapped[list[int]] = mapped_column(default=list)
     started_at: Mapped[datetime]
     last_seen_at: Mapped[datetime]
     ended_at: Mapped[datetime | None]
     expires_at: Mapped[datetime]
-    # No column: the newest version of the study's plan, where whoever read the row has asked.
+    # Not a column: id of the newest version of the study's plan, if the query selected it.
     newest_plan_id: int | None = None
     __allow_unmapped__ = True
 
@@ -228,7 +230,7 @@ class SessionRow(Base):
 
 
 class Trial(Base):
-    """One optimisation run: one condition, one fresh model."""
+    """One optimisation run under one condition, with a new model."""
 
     __tablename__ = "trials"
     __table_args__ = (UniqueConstraint("session_id", "trial_index"),)
@@ -252,12 +254,12 @@ class Trial(Base):
 
 
 class QueryRow(Base):
-    """A query, stored before it is shown: both recordings, their sides, and what chose them."""
+    """A query, stored before it is shown: both recordings, their sides, and their acquisition."""
 
     __tablename__ = "queries"
     __table_args__ = (
-        # One proposal for one place: two tabs, a retry or two servers cannot make a second one.
-        # A query set aside for a technical fault is followed by another attempt at its place.
+        # One query for each index, even with two tabs, retries, or several servers. A query that is
+        # set aside for a technical fault is followed by another attempt at the same index.
         UniqueConstraint("trial_id", "query_index", "attempt"),
         CheckConstraint("attempt >= 0", name="attempt"),
         CheckConstraint("left_candidate <> right_candidate", name="two_candidates"),
@@ -279,9 +281,9 @@ class QueryRow(Base):
     engine_version: Mapped[str] = mapped_column(String(40))
     created_at: Mapped[datetime]
     shown_at: Mapped[datetime | None]
-    # For a planned repeat: the query of this trial that it shows again, sides swapped.
+    # For a planned repeat: index of the query of this trial that it repeats with swapped sides.
     repeats_query_index: Mapped[int | None]
-    # Set aside for a technical fault: it never reaches the model and is replaced.
+    # Set aside for a technical fault: it is replaced, and the model does not learn from it.
     set_aside_at: Mapped[datetime | None]
     fault: Mapped[str | None] = mapped_column(String(200))
 
@@ -294,7 +296,7 @@ class QueryRow(Base):
 
 
 class Response(Base):
-    """What was pressed. Written once, never changed."""
+    """The response to a query. Append-only."""
 
     __tablename__ = "responses"
     __table_args__ = (
@@ -308,14 +310,14 @@ class Response(Base):
     skip_reason: Mapped[str | None] = mapped_column(String(60))
     rt_ms: Mapped[float | None]
     answered_at: Mapped[datetime]
-    # Under which version of plan and texts it was given; None where older data cannot tell.
+    # Version of plan and texts under which it was given; None for older data.
     plan_id: Mapped[int | None] = mapped_column(ForeignKey("plans.id", ondelete="CASCADE"))
 
     query: Mapped[QueryRow] = relationship(back_populates="response")
 
 
 class UndoneResponse(Base):
-    """A response that its evaluator took back at once: kept for the record, never learnt from."""
+    """A response that the evaluator undid: kept for the record, not learnt from."""
 
     __tablename__ = "undone_responses"
     __table_args__ = (one_of("response", "left", "right", "skip"),)
@@ -330,7 +332,7 @@ class UndoneResponse(Base):
 
 
 class PreferenceRow(Base):
-    """What the model learnt from: derived from the responses, always with its origin."""
+    """A preference that the model learnt from, derived from the responses, with its origin."""
 
     __tablename__ = "preferences"
     __table_args__ = (
@@ -364,7 +366,7 @@ class Acquired(Base):
 
 
 class Event(Base):
-    """Something that happened while a query was on the screen: playback, focus, fullscreen."""
+    """An event in the browser during a query: playback, focus, fullscreen."""
 
     __tablename__ = "events"
     __table_args__ = (

@@ -1,4 +1,4 @@
-"""Recordings in a folder of this machine."""
+"""A store in a local folder."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ from app.services.runtime.errors import StoreAwayError
 
 from .interface import InternalRedirect
 
-#: Names that mean the same to every proxy, encoded or not, and lead nowhere else: a hash and an
-#: ending. All names are such, unless somebody finds a way to another one: that we send ourselves.
+#: Names that are safe in a proxy's path without encoding: a hash and an extension. All names should
+#: match; a file with another name is sent by this server.
 _PLAIN = re.compile(r"[0-9a-z]+\.[0-9a-z]+", re.ASCII)
 
-#: How a disk says that there is nothing under a name.
+#: Error numbers that mean that there is no such file.
 _NO_SUCH_FILE = (errno.ENOENT, errno.ENOTDIR, errno.ELOOP)
 
 
 class FolderStore:
-    """A `Store` over one folder. Folders within it are somebody else's.
+    """A `Store` of the files directly in one folder; subfolders are ignored.
 
-    Raises StoreAwayError where the disk does not let it read or write.
+    Methods raise StoreAwayError if the folder cannot be read or written.
 
-    address: of the folder at a proxy that sends its files in our place, such as /videos/own; none
-    if we send them.
+    address: internal path of the folder at a proxy that sends the files, such as /videos/own; None
+    if this server sends them.
     """
 
     origin: str | None = None
@@ -49,18 +49,18 @@ class FolderStore:
         return {name: size for name, size in held.items() if size is not None}
 
     def put(self, name: str, file: Path) -> None:
-        """On the disk when this returns: what was copied may be thrown away then."""
+        """Copy the file and flush it to disk, so that the source may be deleted afterwards."""
         target = self._folder / name
         part = target.with_name(f"{target.name}.{os.getpid()}.part")
         try:
             target.parent.mkdir(parents=True, exist_ok=True)
-            # One of another size is what a power cut left of it.
+            # A file of another size is incomplete, for example after a power cut.
             if self._size(name) == file.stat().st_size:
                 return
             shutil.copyfile(file, part)
             _force_to_disk(part)
             part.replace(target)
-            # The name, too. Not every network's folder can be asked for that.
+            # Flush the directory entry too, where the file system supports that.
             with suppress(OSError):
                 _force_to_disk(target.parent)
         except OSError as error:
@@ -69,7 +69,7 @@ class FolderStore:
             raise StoreAwayError(f"the video could not be kept: {error.strerror}") from error
 
     def copy_to(self, name: str, target: Path) -> bool:
-        """Without a copy where the disk can do that: nothing ever writes into a kept file."""
+        """Hard-link the file if possible, otherwise copy it: stored files are never modified."""
         if self._size(name) is None:
             return False
         target.parent.mkdir(parents=True, exist_ok=True)
@@ -94,14 +94,14 @@ class FolderStore:
         return InternalRedirect(f"{self._address}/{name}")
 
     def fault(self) -> str | None:
-        """None: whether the studio's folders can be written to is looked at for all of them."""
+        """None: `monitoring.health` checks all local folders."""
         return None
 
     def close(self) -> None:
         pass
 
     def _size(self, name: str) -> int | None:
-        """Bytes of the file; None if there is none. Asked once: it may go at any moment."""
+        """Size in bytes; None if there is no file. One system call: the file may go at any time."""
         try:
             status = (self._folder / name).stat()
         except OSError as error:

@@ -1,7 +1,7 @@
-"""What a store of recordings can do, whichever it is.
+"""The interface of the stores of recordings.
 
-Files are named by their content. So what lies under a name never changes, and whatever puts it
-there twice puts the same bytes.
+Files are named by the hash of their content. A stored file therefore never changes, and writing a
+name twice writes the same bytes.
 """
 
 from __future__ import annotations
@@ -11,13 +11,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
-#: A file never changes under its name, and is nobody else's to see.
+#: Cache-Control of a recording: immutable, and cached by the browser only.
 KEPT = "private, max-age=604800, immutable"
 
 
 @dataclass(frozen=True)
 class SignedUrl:
-    """Where a browser gets a file itself, and for how many more seconds it may be sent there."""
+    """A signed URL of the file. seconds: how long the redirect to it may be cached."""
 
     url: str
     seconds: int
@@ -25,43 +25,43 @@ class SignedUrl:
 
 @dataclass(frozen=True)
 class InternalRedirect:
-    """A file that the proxy in front sends in our place, by its address there."""
+    """A file that the proxy sends (X-Accel-Redirect). address: its internal path at the proxy."""
 
     address: str
 
 
 def form_of(name: str) -> str:
-    """The media type of a video, by its ending: those of studies' own say what they hold."""
+    """The media type of a video, by the extension of its name."""
     return "video/webm" if name.endswith(".webm") else "video/mp4"
 
 
 class Store(Protocol):
-    """Files by their names. Whatever asks a network raises StoreAwayError if it gets no answer."""
+    """Files by name. Methods that make network calls raise StoreAwayError if those fail."""
 
     @property
     def origin(self) -> str | None:
-        """The site that browsers get files from, such as https://videos.example; None if ours."""
+        """Origin that browsers load files from, such as https://s3.example; None: this server."""
 
     def exists_cached(self, name: str) -> bool | None:
-        """Whether the file is there, as far as that is known at once; None if it is not known."""
+        """Whether the file exists, without a network call; None if that is unknown."""
 
     def sizes(self, names: Iterable[str]) -> Mapping[str, int]:
-        """Bytes of those files that are there. May ask a network."""
+        """Sizes in bytes of those files that exist. May make network calls."""
 
     def put(self, name: str, file: Path) -> None:
-        """Keep a copy of the file under this name, unless there is one. May ask a network."""
+        """Store a copy of the file under this name unless it exists. May make network calls."""
 
     def copy_to(self, name: str, target: Path) -> bool:
-        """Make `target` the file of this name; False if there is none. May ask a network."""
+        """Copy the file to `target`. Returns False if it is missing. May make network calls."""
 
     def delete(self, names: Iterable[str]) -> None:
-        """Delete files; those that are not there are none to delete. May ask a network."""
+        """Delete files; missing ones are ignored. May make network calls."""
 
     def serve(self, name: str, *, head: bool) -> Path | SignedUrl | InternalRedirect:
-        """How whoever asks gets the file, by a GET or, if `head`, by a HEAD. Asks no network."""
+        """How to answer a GET (or HEAD, if `head`) for the file. Makes no network call."""
 
     def fault(self) -> str | None:
-        """What keeps the store from working, in a sentence without a secret. May ask a network."""
+        """Why the store does not work, as a sentence without secrets. May make network calls."""
 
     def close(self) -> None:
-        """Let go of connections."""
+        """Close connections."""

@@ -1,7 +1,7 @@
-"""Recordings in a bucket of an S3-compatible store, which browsers get by links signed for a while.
+"""A store in a bucket of an S3-compatible object store; browsers load files by signed URLs.
 
-What the store has is remembered for a while, so that a video which is asked for in several ranges,
-by many people, is looked up once. Names are of content: what was there is there, or has gone.
+The existence and size of files are cached for some minutes, because a video is requested in several
+ranges and by many people.
 """
 
 from __future__ import annotations
@@ -21,16 +21,16 @@ from app.services.runtime.errors import StoreAwayError
 from .interface import KEPT, SignedUrl, form_of
 from .s3_client import Bucket
 
-#: For how long a link is good, in seconds: long enough to watch the longest video, and to be given
-#: out again for half that time, so that a browser which comes back finds what it has kept.
+#: Lifetime of a signed URL in seconds: long enough to watch the longest video. The same URL is
+#: reused for the first half of that time, so that browsers can use their cached copy.
 LINK_S = 600
-#: How long it is remembered that a file is there, and that one is not, in seconds.
+#: How long the existence and the absence of a file are cached, in seconds.
 THERE_S, MISSING_S = 600, 30
-#: Above so many files that nothing is known of, the store is asked for its list.
+#: For more files than this that are not cached, the bucket is listed instead.
 _MOST_ASKED_ONE_BY_ONE = 8
 #: Cached entries at the most: twice as many as a large installation has recordings.
 _MAX_CACHED: Final = 20_000
-#: How many files a store names in one answer.
+#: Files in one page of a listing.
 PAGE = 1000
 
 
@@ -79,8 +79,8 @@ class S3Store:
         return {name: size for name, size in found.items() if size is not None}
 
     def put(self, name: str, file: Path) -> None:
-        # What is remembered does not count: another process may have thrown the file away. One of
-        # another size is as an earlier version of this program made it.
+        # The cache is not trusted here: another process may have deleted the file. A file of
+        # another size comes from an earlier version of this program and is replaced.
         self._head(name)
         seen = self._cached(name)
         if seen is not None and seen.size == file.stat().st_size:
@@ -101,14 +101,14 @@ class S3Store:
         return True
 
     def delete(self, names: Iterable[str]) -> None:
-        # One by one: the call that deletes many differs between stores.
+        # One request per file: stores differ in the call that deletes several.
         for name in names:
             self._bucket.call("delete_object", Key=self._key(name))
             with self._lock:
                 self._seen.pop(name, None)
 
     def serve(self, name: str, *, head: bool) -> SignedUrl:
-        """The link; nobody is sent there in the second half of its time."""
+        """A signed URL, reused only during the first half of its lifetime."""
         with self._lock:
             cached = self._links.get((name, head))
         if cached is not None:
@@ -144,7 +144,7 @@ class S3Store:
         words: dict[str, Any] = {"MaxKeys": PAGE}
         while True:
             answer = self._bucket.call("list_objects_v2", Prefix=f"{start}/", **words)
-            assert answer is not None  # a bucket that is missing is refused
+            assert answer is not None  # a missing bucket raises an error
             for one in answer.get("Contents", ()):
                 yield one["Key"].removeprefix(f"{start}/"), one["Size"]
             if not answer.get("IsTruncated"):

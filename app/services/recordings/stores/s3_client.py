@@ -1,4 +1,4 @@
-"""A bucket of an S3-compatible store: asked with patience, and signed for."""
+"""Client of one bucket of an S3-compatible store: timeouts, a circuit breaker, and signed URLs."""
 
 from __future__ import annotations
 
@@ -24,24 +24,23 @@ except ImportError:
 
 log = logging.getLogger(__name__)
 
-#: How long a store may take to answer, in seconds: somebody waits, and a check of readiness does.
+#: Timeouts of a request in seconds: people and health checks wait for it.
 CONNECT_S = 2.0
 READ_S = 10.0
-#: A store that was away is not asked again for so long: each question would cost that patience.
+#: After a failure, requests fail immediately for this many seconds instead of timing out.
 AWAY_S = 5.0
-#: As many questions at once as the server has threads to ask them.
+#: Size of the connection pool: as many as the server has threads.
 _CONNECTIONS = 40
-#: What stores are signed for that know no regions.
+#: Region used to sign for stores that have no regions.
 _REGION = "us-east-1"
 
 AWAY = "the store of recordings cannot be reached"
 
 
 class Bucket:
-    """The bucket and the prefix that the settings name.
+    """The bucket and prefix that the settings name.
 
-    Raises ConflictError if no credentials are found for it. They come from where boto3 looks for
-    them: variables, files, the machine's role.
+    Raises ConflictError if boto3 finds no credentials (variables, files, the machine's role).
     """
 
     def __init__(self, settings: Settings) -> None:
@@ -52,22 +51,25 @@ class Bucket:
         public = settings.s3_public_endpoint
         self._client = _client(session, self._name, settings.s3_endpoint)
         self._signer = _client(session, self._name, public) if public else self._client
-        #: The site that its links lead to.
+        #: Origin of the signed URLs.
         self.origin = origin_of(self.sign("get_object", "any", 1))
 
     def key(self, folder: str, name: str) -> str:
-        """The full name of what lies in a folder under the prefix; never of anything elsewhere."""
+        """The object key of a file in a folder under the prefix. Raises ValueError for a path."""
         if "/" in name:
             raise ValueError(f"expected the name of a file, got the path {name!r}")
         return "/".join(part for part in (self._prefix, folder, name) if part)
 
     def call(self, operation: str, **words: Any) -> Mapping[str, Any] | None:
-        """The store's answer; None where there is no such thing. Raises StoreAwayError."""
+        """Call an operation of the S3 client. Returns None for a 404. Raises StoreAwayError.
+
+        words: arguments of the operation besides the bucket.
+        """
         now = time.monotonic()
         if now < self._away_until:
             raise StoreAwayError(AWAY)
         if self._away_until:
-            # One looks whether it is back; nobody else waits for that.
+            # This call tries again; concurrent ones still fail immediately.
             self._away_until = now + AWAY_S
         with self.errors_as_store_away():
             try:
@@ -79,7 +81,7 @@ class Bucket:
                 code = _code(error)
                 if code in ("404", "NoSuchKey", "NotFound"):
                     return None
-                # The code alone: a store's own words may hold addresses.
+                # Only the code: the store's message may contain addresses.
                 log.error("the store of recordings refuses %s: %s", operation, code)
                 raise StoreAwayError(f"the store of recordings refuses: {code}") from None
         self._away_until = 0.0
@@ -87,7 +89,7 @@ class Bucket:
 
     @contextmanager
     def errors_as_store_away(self) -> Iterator[None]:
-        """What goes wrong on the way to the store becomes StoreAwayError."""
+        """Convert connection errors to StoreAwayError, and open the circuit breaker."""
         try:
             yield
         except BotoCoreError as error:
@@ -96,7 +98,7 @@ class Bucket:
             raise StoreAwayError(AWAY) from None
 
     def sign(self, operation: str, key: str, seconds: int, **words: Any) -> str:
-        """A link by which whoever has it may do this one thing for so long. Asks no network."""
+        """A URL signed for one operation, valid for `seconds`. Makes no network call."""
         with self.errors_as_store_away():
             link: str = self._signer.generate_presigned_url(
                 operation,
@@ -106,11 +108,13 @@ class Bucket:
         return link
 
     def close(self) -> None:
+        """Close the connections."""
         for client in {self._client, self._signer}:
             client.close()
 
 
 def origin_of(url: str) -> str:
+    """Scheme, host and port of a URL."""
     parts = urlsplit(url)
     return f"{parts.scheme}://{parts.netloc}"
 
@@ -136,14 +140,14 @@ def _client(session: Any, bucket: str, endpoint: str) -> Any:
         region_name=session.region_name or _REGION,
         config=Config(
             signature_version="s3v4",
-            # A store of one's own rarely has a site for each bucket. Amazon does, and signs for the
-            # site of the bucket's region only if told so; no certificate is for names with dots.
+            # Self-hosted stores rarely have a host name for each bucket. Amazon does, and signs for
+            # the region's host name only in this style; no certificate covers names with dots.
             s3={"addressing_style": "path" if endpoint or "." in bucket else "virtual"},
             connect_timeout=CONNECT_S,
             read_timeout=READ_S,
             retries={"mode": "standard", "total_max_attempts": 2},
             max_pool_connections=_CONNECTIONS,
-            # Not every store knows the newer checksums.
+            # Not every store supports the newer checksums.
             request_checksum_calculation="when_required",
             response_checksum_validation="when_required",
         ),

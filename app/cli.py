@@ -188,7 +188,7 @@ def study_check(folder: Folder, data_dir: DataDir = None) -> None:
     )
     settings = settings_of(data_dir)
     if settings.database_url or (settings.data_dir / DATABASE_FILE).is_file():
-        taken = slugs.remark(studio_of(data_dir), plan.slug, slugs.mark_of(loaded.root))
+        taken = slugs.remark(studio_of(data_dir), plan.slug, slugs.folder_hash(loaded.root))
         if taken is not None:
             out.print(f"{plan.slug}: {taken}")
 

@@ -146,7 +146,7 @@ def test_known_browsers_go_first_and_networks_by_turns(app: AppContext) -> None:
 
     def one(name: str, came_from: CameFrom) -> None:
         begun.release()
-        with password_hash_limit.one_at_a_time(app, came_from):
+        with password_hash_limit.hash_slot(app, came_from):
             order.append(name)
 
     waiting = [("flood 1", HOME), ("flood 2", HOME), ("flood 3", HOME), ("other", ELSEWHERE)]
@@ -162,12 +162,12 @@ def test_known_browsers_go_first_and_networks_by_turns(app: AppContext) -> None:
 def test_one_network_does_not_take_all_places(
     app: AppContext, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(password_hash_limit, "WAITING_OF_ONE_NETWORK", 2)
-    monkeypatch.setattr(password_hash_limit, "KNOWN_WAITING", 1)
+    monkeypatch.setattr(password_hash_limit, "MAX_WAITING_PER_NETWORK", 2)
+    monkeypatch.setattr(password_hash_limit, "MAX_WAITING_KNOWN", 1)
 
     def one(came_from: CameFrom) -> str:
         try:
-            with password_hash_limit.one_at_a_time(app, came_from):
+            with password_hash_limit.hash_slot(app, came_from):
                 return "in"
         except TooManyPasswordsError:
             return "told to come back"
@@ -236,4 +236,4 @@ def test_a_flood_of_sign_ins_does_not_keep_the_right_password_out(served: str) -
     assert slowest_known < 5
     assert slowest_known < slowest_new
     # As many as there are hostile ones go first, at the most.
-    assert slowest_new < password_hash_limit.PATIENCE_S
+    assert slowest_new < password_hash_limit.WAIT_TIMEOUT_S

@@ -98,13 +98,13 @@ def test_a_study_that_is_put_together_keeps_what_another_one_that_goes_has_too(
 ) -> None:
     create(app, smaller)
     shared, *_ = sorted(names(app))
-    with orphaned_videos.until_stored(app, {shared}):
+    with orphaned_videos.mark_in_use(app, {shared}):
         lifecycle.delete(app, "kettles")
         assert names(app) == {shared}
         assert later(app, clock, hours=23) == 0
     assert notes(app) == []
     # A process that was killed over it is not waited for.
-    with orphaned_videos.until_stored(app, {shared}):
+    with orphaned_videos.mark_in_use(app, {shared}):
         assert later(app, clock, hours=25) == 1
     assert names(app) == set()
 

@@ -33,7 +33,7 @@ STRANGERS = "nobody@home.example"
 @contextmanager
 def another_ones_turn() -> Iterator[None]:
     """Within this, somebody's password is being looked at."""
-    with password_hash_limit._turn:
+    with password_hash_limit._queue:
         yield
 
 
@@ -81,7 +81,7 @@ def test_an_address_is_written_for_as_often_whether_somebody_has_it_or_not(
 def test_whoever_gets_no_turn_is_told_to_come_back_and_nothing_was_tried(
     client: Api, app: AppContext, api_token: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(password_hash_limit, "PATIENCE_S", 0.01)
+    monkeypatch.setattr(password_hash_limit, "WAIT_TIMEOUT_S", 0.01)
     with another_ones_turn():
         refusal = sign_in(client)
     assert (refusal.status_code, refusal.headers["retry-after"]) == (429, "10")
@@ -97,12 +97,12 @@ def test_whoever_gets_no_turn_is_told_to_come_back_and_nothing_was_tried(
 
 
 def test_only_a_few_wait_for_their_turn(app: AppContext, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(password_hash_limit, "_places", threading.BoundedSemaphore(2))
+    monkeypatch.setattr(password_hash_limit, "_slots", threading.BoundedSemaphore(2))
     # Whoever waits does so for longer than this test.
-    monkeypatch.setattr(password_hash_limit, "PATIENCE_S", 600)
+    monkeypatch.setattr(password_hash_limit, "WAIT_TIMEOUT_S", 600)
 
     def one_more() -> None:
-        with password_hash_limit.one_at_a_time(app):
+        with password_hash_limit.hash_slot(app):
             pass
 
     with ThreadPoolExecutor() as threads:
@@ -118,15 +118,15 @@ def test_of_two_tries_at_once_the_second_sees_the_first(app: AppContext) -> None
     now = app.now()
     with app.database.write() as db:
         for _ in range(login_rate_limit.TRIES - 1):
-            login_rate_limit.spend(db, now, EMAIL)
+            login_rate_limit.record_attempt(db, now, EMAIL)
 
     def the_eleventh() -> None:
         with app.database.write() as db:
-            login_rate_limit.spend(db, now, EMAIL)
+            login_rate_limit.record_attempt(db, now, EMAIL)
 
     with ThreadPoolExecutor(1) as thread:
         with app.database.write() as db:
-            login_rate_limit.spend(db, now, EMAIL)
+            login_rate_limit.record_attempt(db, now, EMAIL)
             db.flush()
             another = thread.submit(the_eleventh)
             # It has to wait; one that does not has counted nine, and is let through.
@@ -142,9 +142,9 @@ def test_those_who_try_another_address_do_not_wait(app: AppContext) -> None:
 
     def another_address() -> None:
         with app.database.write() as db:
-            login_rate_limit.spend(db, now, STRANGERS)
+            login_rate_limit.record_attempt(db, now, STRANGERS)
 
     with ThreadPoolExecutor(1) as thread, app.database.write() as db:
-        login_rate_limit.spend(db, now, EMAIL)
+        login_rate_limit.record_attempt(db, now, EMAIL)
         db.flush()
         thread.submit(another_address).result(20)

@@ -38,7 +38,7 @@ def test_a_draft_is_thrown_away_after_days_without_a_change(
     assert expired_drafts.sweep(app) == 0
     clock.forward(1)
     periodic_tasks.run_all(app)
-    assert [draft.name for draft in drafts.mine(app, desk.account)] == ["New"]
+    assert [draft.name for draft in drafts.list_drafts(app, desk.account)] == ["New"]
     assert not begun.folder.exists()
     assert drafts.text_of(changed, "notes.txt") == "still at it"
     line = audit_log.trail(app)[0]

@@ -57,7 +57,7 @@ def pseudonyms(app: AppContext) -> list[str]:
 def test_a_study_is_shared_and_taken_back(owner: Api, app: AppContext) -> None:
     for _ in range(2):
         assert send(owner, "share", email=f" {CAROL.upper()}").status_code == 303
-    assert [(tie.email, tie.is_owner) for tie in sharing.ties(app, "short")] == [
+    assert [(tie.email, tie.is_owner) for tie in sharing.members(app, "short")] == [
         (BOB, True),
         (CAROL, False),
     ]
@@ -94,7 +94,7 @@ def test_whom_a_study_cannot_be_shared_with_is_said(owner: Api, app: AppContext)
     send(owner, "share", email=BOB)
     bob = str(accounts.find(app, BOB).account_id)
     assert send(owner, "unshare", account_id=bob).status_code == 404
-    assert [tie.is_owner for tie in sharing.ties(app, "short")] == [True]
+    assert [tie.is_owner for tie in sharing.members(app, "short")] == [True]
 
 
 def test_a_receipt_that_somebody_sent_deletes_them(owner: Api, app: AppContext) -> None:

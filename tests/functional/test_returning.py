@@ -93,7 +93,7 @@ def test_a_platforms_id_alone_leads_nobody_into_a_session(
     assert (page.status_code, heading(page)) == (409, KNOWN)
     assert "the receipt code that you were given" in page.text
     assert 'data-testid="return-to-session"' not in page.text
-    version = admission.entrance(app, "short").consent["version"]
+    version = admission.landing_page(app, "short").consent["version"]
     for press in ("return", "claim"):
         client.post(f"/s/short/{press}{link}")
     agreed = client.post(f"/s/short/consent{link}", data={"version": version})

@@ -103,7 +103,7 @@ def test_an_account_makes_so_many_studies_at_a_time(desk: Desk, app: AppContext)
     addresses = [desk.begin({}, name=f"Number {number}") for number in range(3)]
     answer = desk.send("/drafts", {"a.txt": b"x"}, name="One more")
     assert (answer.status_code, "at most 3 studies" in answer.text) == (422, True)
-    assert len(drafts.mine(app, desk.account)) == 3
+    assert len(drafts.list_drafts(app, desk.account)) == 3
     assert desk.post(f"{addresses[0]}/discard").status_code == 303
     desk.begin({}, name="One more")
 

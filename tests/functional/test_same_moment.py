@@ -29,7 +29,7 @@ def held_together(app: AppContext, *both: Callable[[], object]) -> None:
     """Do both while somebody else holds the study: neither goes on before it is let go."""
     with ThreadPoolExecutor(len(both)) as threads:
         with app.database.write() as db:
-            repository.to_change(db, "short")
+            repository.lock_study(db, "short")
             begun = [threads.submit(one) for one in both]
             wait(begun, timeout=0.3)
         for one in begun:
@@ -51,7 +51,7 @@ def test_a_study_shared_twice_at_once_is_shared(app: AppContext, short_study: St
     accounts.create(app, EMAIL, PASSWORD)
     accounts.create(app, BOB, PASSWORD)
     held_together(app, *[lambda: sharing.share(app, "short", BOB, EMAIL)] * 2)
-    assert [tie.email for tie in sharing.ties(app, "short")] == [BOB]
+    assert [tie.email for tie in sharing.members(app, "short")] == [BOB]
     done = [line.action for line in audit_log.trail(app)]
     assert done.count("study shared") == 1
 

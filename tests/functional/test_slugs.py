@@ -177,7 +177,7 @@ def test_the_command_line_replaces_no_draft_of_an_account(
     desk: Desk, app: AppContext, tmp_path: Path
 ) -> None:
     made(desk, write_study(tmp_path / "a", SHORT_PLAN))
-    tie = sharing.ties(app, "short")[0]
+    tie = sharing.members(app, "short")[0]
     assert tie.is_owner
     other = repository.load_folder(str(write_study(tmp_path / "b", OTHER)))
     with pytest.raises(SlugTakenError):

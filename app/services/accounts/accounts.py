@@ -1,4 +1,7 @@
-"""Who runs studies: accounts, sign-ins, and API tokens."""
+"""Accounts, sign-ins and API tokens of the people who run studies.
+
+Passwords are hashed with Argon2; of every token only a hash is stored.
+"""
 
 from __future__ import annotations
 
@@ -24,10 +27,10 @@ from . import audit_log, credential_revocation, login_rate_limit, password_hash_
 SIGN_IN_LASTS = timedelta(days=14)
 API_TOKEN_LASTS = timedelta(days=365)
 
-#: A password that people choose: NIST SP 800-63B asks for length, not for kinds of characters.
+#: Minimum length in characters. NIST SP 800-63B asks for length, not for kinds of characters.
 MIN_PASSWORD_LENGTH = 10
 
-#: One @ with something on both sides, and nothing that a line of a table could not hold.
+#: One @ with text on both sides, and no white space or control characters.
 _ADDRESS = re.compile(r"[^@\s\x00-\x1f]+@[^@\s\x00-\x1f]+")
 LONGEST_ADDRESS = 254
 
@@ -37,7 +40,7 @@ _hasher = PasswordHasher()
 
 
 class Role(StrEnum):
-    """What an account is for; `access` says what each may do."""
+    """The role of an account. `studies.access` maps roles to rights."""
 
     ADMIN = "admin"
     EXPERIMENTER = "experimenter"
@@ -45,7 +48,9 @@ class Role(StrEnum):
 
 
 class Scope(StrEnum):
-    """What an API token may do: look and export, platforms' ids as well, or all its account may."""
+    """What an API token permits: reading and exporting, platform ids as well, or all that its
+    account may.
+    """
 
     READ = "read"
     IDENTITIES = "identities"
@@ -54,13 +59,16 @@ class Scope(StrEnum):
 
 @dataclass(frozen=True)
 class Principal:
-    """Somebody who is signed in, or whose API token was given."""
+    """An authenticated caller: the account, and the sign-in or API token that it authenticated
+    with.
+
+    sign_in_id: the sign-in that was used; None for an API token. It does not count in comparisons.
+    """
 
     account_id: int
     email: str
     role: Role
     scope: Scope = Scope.WRITE
-    # Which of the account's sign-ins it is; None for an API token. Somebody is the same in both.
     sign_in_id: int | None = field(default=None, compare=False)
 
 
@@ -71,9 +79,11 @@ def create(
     role: Role | None = None,
     actor: str = audit_log.COMMAND_LINE,
 ) -> Principal:
-    """A new account; the first is an admin's unless said otherwise, the others experimenters'.
+    """Create an account and return its principal.
 
-    Raises ConflictError if the address has an account or the password is too short.
+    role: None makes the first account an admin and all later ones experimenters. actor: who is
+    named in the audit log. Raises ConflictError if the address has an account or the password is
+    too short.
     """
     email = address(email)
     hashed = hashed_password(password)
@@ -83,11 +93,14 @@ def create(
             role = Role.ADMIN if is_first else Role.EXPERIMENTER
         account = add(db, app.now(), email, hashed, role)
         audit_log.note(db, app.now(), actor, "account made", account=email, role=role.value)
-        return _experimenter(account)
+        return _principal(account)
 
 
 def add(db: Session, at: datetime, email: str, hashed: str, role: Role) -> Account:
-    """A new account within a transaction. Raises ConflictError if the address has one."""
+    """Insert an account within the transaction of `db`.
+
+    Raises ConflictError if the address has one.
+    """
     if by_address(db, email) is not None:
         raise ConflictError(f"expected a new address, and {email!r} has an account")
     account = Account(email=email, password_hash=hashed, role=role.value, created_at=at)
@@ -99,18 +112,23 @@ def add(db: Session, at: datetime, email: str, hashed: str, role: Role) -> Accou
 def set_password(
     app: AppContext, email: str, password: str, actor: str = audit_log.COMMAND_LINE
 ) -> None:
-    """Give an account another password; every sign-in, API token and open link of it ends."""
+    """Replace the password of an account and revoke its sign-ins, API tokens and unused links.
+
+    Raises NotFoundError if no account has the address, and ConflictError if the password is too
+    short.
+    """
     hashed = hashed_password(password)
     with app.database.write() as db:
         account = require(db, email)
         account.password_hash = hashed
-        ended = credential_revocation.end_all(db, account).noted()
+        ended = credential_revocation.revoke_all(db, account).as_details()
         audit_log.note(db, app.now(), actor, "password reset", account=account.email, **ended)
 
 
 def find(app: AppContext, email: str) -> Principal:
+    """The principal of the account with this address. Raises NotFoundError."""
     with app.database.read() as db:
-        return _experimenter(require(db, email))
+        return _principal(require(db, email))
 
 
 def sign_in(
@@ -119,16 +137,17 @@ def sign_in(
     password: str,
     came_from: login_rate_limit.CameFrom = login_rate_limit.ANYWHERE,
 ) -> str:
-    """Check a password: a token for the browser.
+    """Check a password, store a sign-in and return its token for the browser's cookie.
 
-    Raises SignInRequiredError, never saying why; TooManyTriesError, whoever's address it is; or
-    TooManyPasswordsError, having looked at nothing.
+    came_from: where the attempt comes from, for the rate limits. Raises SignInRequiredError with
+    the same message for every cause; TooManyTriesError, whether or not the address has an account;
+    or TooManyPasswordsError if the queue for password hashing is full, before anything was checked.
     """
     email = normal(email)
-    with password_hash_limit.one_at_a_time(app, came_from):
+    with password_hash_limit.hash_slot(app, came_from):
         with app.database.write() as db:
-            # Counted before the password is looked at: trying many at once gains nothing.
-            login_rate_limit.spend(db, app.now(), email, came_from)
+            # Counted before the password is verified, so that parallel attempts are limited too.
+            login_rate_limit.record_attempt(db, app.now(), email, came_from)
             account = by_address(db, email)
         is_right = is_password_of(account, password)
     if account is None or account.disabled_at is not None or not is_right:
@@ -137,11 +156,11 @@ def sign_in(
     token = new_secret()
     with app.database.write() as db:
         now = app.now()
-        still = held(db, account.id)
+        still = lock(db, account.id)
         if still.password_hash != account.password_hash or still.disabled_at is not None:
-            # Changed while this password was looked at: that change ended every sign-in.
+            # The account changed while this password was verified, which revoked every sign-in.
             raise SignInRequiredError("that address and password do not belong together")
-        login_rate_limit.forgive(db, email, came_from)
+        login_rate_limit.reset(db, email, came_from)
         db.execute(delete(SignIn).where(SignIn.expires_at < now))
         db.add(
             SignIn(
@@ -160,15 +179,16 @@ def _note_failure(
 ) -> None:
     with app.database.write() as db:
         now = app.now()
-        # Something is written for either: an answer must not take longer where there is an account.
-        login_rate_limit.was_wrong(db, now, email, came_from)
+        # One row is written in both cases, so that the response time does not reveal an account.
+        login_rate_limit.record_failure(db, now, email, came_from)
         if is_known:
-            # Of an address that nobody has, nothing is kept: it may be anybody's, and strangers
-            # could fill the trail, which nothing empties.
-            audit_log.note(db, now, audit_log.NOBODY, "sign-in failed", account=email)
+            # Attempts for an unknown address are not logged: it may be anyone's address, and the
+            # audit log is never pruned, so strangers could fill it.
+            audit_log.note(db, now, audit_log.NOT_SIGNED_IN, "sign-in failed", account=email)
 
 
 def sign_out(app: AppContext, token: str) -> None:
+    """Delete the sign-in of this token, if there is one."""
     with app.database.write() as db:
         row = db.scalar(select(SignIn).where(SignIn.token_hash == secret_hash(token)))
         if row is not None:
@@ -184,14 +204,15 @@ def create_api_token(
     lasts: timedelta = API_TOKEN_LASTS,
     actor: str = audit_log.COMMAND_LINE,
 ) -> str:
-    """A token for programs, shown this once.
+    """Create an API token for the account and return it. Only its hash is stored.
 
-    Raises SignInRequiredError if the sign-in that asks for it has ended meanwhile.
+    lasts: its lifetime. Raises SignInRequiredError if the sign-in of `experimenter` has ended
+    meanwhile.
     """
     token = new_secret()
     with app.database.write() as db:
         now = app.now()
-        held(db, experimenter.account_id)
+        lock(db, experimenter.account_id)
         asking = experimenter.sign_in_id
         if asking is not None and db.get(SignIn, asking) is None:
             raise SignInRequiredError("expected a sign-in that is in force, and it has ended")
@@ -205,18 +226,18 @@ def create_api_token(
                 expires_at=now + lasts,
             )
         )
-        told = {"account": experimenter.email, "label": label, "scope": scope.value}
-        audit_log.note(db, now, actor, "API token made", **told)
+        details = {"account": experimenter.email, "label": label, "scope": scope.value}
+        audit_log.note(db, now, actor, "API token made", **details)
     return token
 
 
 def by_sign_in(app: AppContext, token: str) -> Principal:
-    """Who is signed in with this token. Raises SignInRequiredError."""
+    """The principal of a sign-in's token. Raises SignInRequiredError."""
     return _by_token(app, SignIn, token)
 
 
 def by_api_token(app: AppContext, token: str) -> Principal:
-    """Whose API token this is. Raises SignInRequiredError."""
+    """The principal of an API token. Raises SignInRequiredError."""
     return _by_token(app, ApiToken, token)
 
 
@@ -229,27 +250,28 @@ def _by_token(app: AppContext, table: type[Token], token: str) -> Principal:
         if row.account.disabled_at is not None:
             raise SignInRequiredError("this account is closed")
         if isinstance(row, ApiToken):
-            return _experimenter(row.account, Scope(row.scope))
-        return _experimenter(row.account, sign_in_id=row.id)
+            return _principal(row.account, Scope(row.scope))
+        return _principal(row.account, sign_in_id=row.id)
 
 
-def _experimenter(
+def _principal(
     account: Account, scope: Scope = Scope.WRITE, sign_in_id: int | None = None
 ) -> Principal:
     return Principal(account.id, account.email, Role(account.role), scope, sign_in_id)
 
 
 def by_address(db: Session, email: str) -> Account | None:
+    """The account with this address, or None."""
     return db.scalar(select(Account).where(Account.email == normal(email)))
 
 
-def held(db: Session, account_id: int) -> Account:
-    """The account of this id as it is now, held for this transaction."""
+def lock(db: Session, account_id: int) -> Account:
+    """Read the current row of this account and lock it until the transaction ends."""
     return db.scalars(select(Account).where(Account.id == account_id).with_for_update()).one()
 
 
 def require(db: Session, email: str) -> Account:
-    """The account of this address. Raises NotFoundError."""
+    """The account with this address. Raises NotFoundError."""
     account = by_address(db, email)
     if account is None:
         raise NotFoundError(f"there is no account of {normal(email)!r}")
@@ -257,8 +279,8 @@ def require(db: Session, email: str) -> Account:
 
 
 def is_password_of(account: Account | None, password: str) -> bool:
-    """Whether the password is this account's; takes as long where there is no account."""
-    hashed = _nobodys_hash() if account is None else account.password_hash
+    """Whether the password is this account's. Takes as long for None, which no password matches."""
+    hashed = _dummy_hash() if account is None else account.password_hash
     try:
         return _hasher.verify(hashed, password)
     except VerificationError:
@@ -266,13 +288,13 @@ def is_password_of(account: Account | None, password: str) -> bool:
 
 
 @cache
-def _nobodys_hash() -> str:
-    """Verified where there is no account, so that an answer takes as long as where there is."""
+def _dummy_hash() -> str:
+    """A hash to verify against when there is no account, so that the response takes as long."""
     return _hasher.hash("nobody has this password")
 
 
 def hashed_password(password: str) -> str:
-    """The hash of a password that somebody chose. Raises ConflictError if it is too short."""
+    """The Argon2 hash of a new password. Raises ConflictError if the password is too short."""
     if len(password) < MIN_PASSWORD_LENGTH:
         raise ConflictError(
             f"expected a password of at least {MIN_PASSWORD_LENGTH} characters, got {len(password)}"
@@ -281,11 +303,12 @@ def hashed_password(password: str) -> str:
 
 
 def normal(email: str) -> str:
+    """The address without surrounding white space, in lower case, as it is stored."""
     return email.strip().lower()
 
 
 def address(email: str) -> str:
-    """The address as it is kept. Raises ConflictError if it is none."""
+    """Normalise and check an address. Raises ConflictError if it is not an e-mail address."""
     email = normal(email)
     if not _ADDRESS.fullmatch(email) or len(email) > LONGEST_ADDRESS:
         raise ConflictError(f"expected an e-mail address, got {email[:LONGEST_ADDRESS]!r}")

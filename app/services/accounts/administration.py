@@ -1,4 +1,4 @@
-"""What admins do with accounts: see them all, disable and enable them, give them another role."""
+"""Account administration for admins: list accounts, disable and enable them, change their roles."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class AccountLine:
 
 
 def all_accounts(app: AppContext) -> list[AccountLine]:
-    """Every account, by address."""
+    """All accounts, sorted by address."""
     last = (
         select(SignIn.account_id, func.max(SignIn.created_at).label("at"))
         .group_by(SignIn.account_id)
@@ -48,9 +48,9 @@ def all_accounts(app: AppContext) -> list[AccountLine]:
 
 
 def disable(app: AppContext, email: str, actor: str) -> None:
-    """Let nobody in with this account any more: its sign-ins, API tokens and open links end.
+    """Disable an account, and revoke its sign-ins, API tokens and unused links.
 
-    Raises ConflictError for the last admin.
+    Raises NotFoundError, or ConflictError for the last admin.
     """
     with app.database.write() as db:
         account = accounts.require(db, email)
@@ -58,27 +58,27 @@ def disable(app: AppContext, email: str, actor: str) -> None:
             return
         _require_another_admin(db, account)
         account.disabled_at = app.now()
-        ended = credential_revocation.end_all(db, account).noted()
+        ended = credential_revocation.revoke_all(db, account).as_details()
         audit_log.note(db, app.now(), actor, "account disabled", account=account.email, **ended)
 
 
 def enable(app: AppContext, email: str, actor: str) -> None:
-    """Let the owner of a disabled account sign in again; nothing that ended is revived."""
+    """Enable a disabled account. What was revoked stays revoked. Raises NotFoundError."""
     with app.database.write() as db:
         account = accounts.require(db, email)
         if account.disabled_at is None:
             return
         account.disabled_at = None
         # Earlier versions left API tokens in place when an account was disabled.
-        credential_revocation.end_all(db, account)
+        credential_revocation.revoke_all(db, account)
         audit_log.note(db, app.now(), actor, "account enabled", account=account.email)
 
 
 def change_role(app: AppContext, email: str, role: Role, actor: str) -> None:
-    """Give an account another role; its sign-ins, API tokens and open links end.
+    """Change the role of an account, and revoke its sign-ins, API tokens and unused links.
 
-    They were given for what the account was, and a token must not become an admin's by itself.
-    Raises ConflictError for the last admin.
+    They were issued under the old role, and a token must not gain an admin's rights by itself.
+    Raises NotFoundError, or ConflictError for the last admin.
     """
     with app.database.write() as db:
         account = accounts.require(db, email)
@@ -87,19 +87,21 @@ def change_role(app: AppContext, email: str, role: Role, actor: str) -> None:
             return
         _require_another_admin(db, account)
         account.role = role.value
-        ended = credential_revocation.end_all(db, account).noted()
-        told: dict[str, Any] = {
+        ended = credential_revocation.revoke_all(db, account).as_details()
+        details: dict[str, Any] = {
             "account": account.email,
             "before": before,
             "after": role.value,
             **ended,
         }
-        audit_log.note(db, app.now(), actor, "role changed", **told)
+        audit_log.note(db, app.now(), actor, "role changed", **details)
 
 
 def _require_another_admin(db: Session, account: Account) -> None:
-    """Raises ConflictError if nobody could give accounts roles any more without this one."""
-    # Locked: two admins who demote each other at once would leave none.
+    """Raise ConflictError if this is the only admin, without whom no account could be given a
+    role.
+    """
+    # Locked: two admins demoting each other at the same time would leave none.
     admins = db.scalars(
         select(Account)
         .where(Account.role == Role.ADMIN.value, Account.disabled_at.is_(None))

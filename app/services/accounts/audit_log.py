@@ -1,6 +1,6 @@
-"""The audit trail: what those who run studies did, only ever added to.
+"""The audit log: an append-only table of what the people who run studies did.
 
-It names nobody who took part but by pseudonym.
+Participants appear in it by pseudonym only.
 """
 
 from __future__ import annotations
@@ -16,15 +16,15 @@ from sqlalchemy.orm import Session
 from app.services.context import AppContext
 from app.storage.models.records import AuditEvent
 
-#: Who acts where no account does.
+#: Actors that are not accounts.
 COMMAND_LINE = "command line"
 RETENTION_RULE = "retention rule"
-NOBODY = "not signed in"
+NOT_SIGNED_IN = "not signed in"
 
 
 @dataclass(frozen=True)
 class AuditLine:
-    """One thing that was done; the later, the larger its id."""
+    """One entry. Later entries have larger ids."""
 
     id: int
     happened_at: datetime
@@ -42,7 +42,7 @@ def note(
     study_slug: str | None = None,
     **details: Any,
 ) -> None:
-    """Add to the trail within the transaction that does what it tells of."""
+    """Append an entry within the transaction that makes the change it records."""
     db.add(
         AuditEvent(
             happened_at=at, actor=actor, action=action, study_slug=study_slug, details=details
@@ -53,7 +53,7 @@ def note(
 def note_alone(
     app: AppContext, actor: str, action: str, study_slug: str | None = None, **details: Any
 ) -> None:
-    """Add to the trail what needs no transaction of its own: a look, an export."""
+    """Append an entry in a transaction of its own, for acts that change nothing else."""
     with app.database.write() as db:
         note(db, app.now(), actor, action, study_slug, **details)
 
@@ -65,7 +65,11 @@ def trail(
     limit: int = 200,
     before: int | None = None,
 ) -> list[AuditLine]:
-    """The newest entries first; of one study, of certain actions, before an id, if asked for."""
+    """Entries, the newest first.
+
+    study_slug, actions: only those of this study or with these actions. limit: how many at most.
+    before: only entries with a smaller id.
+    """
     statement = select(AuditEvent).order_by(AuditEvent.id.desc()).limit(limit)
     if study_slug is not None:
         statement = statement.where(AuditEvent.study_slug == study_slug)

@@ -1,7 +1,7 @@
-"""Ends the ways into an account: its sign-ins, its API tokens, and its links that nobody has used.
+"""Revokes the credentials of an account: its sign-ins, API tokens and unused invitation links.
 
-Each of them lets its holder in without the password, so each has to go when the password, the role
-or the account itself is no longer what it was.
+Each of them gives access without the password, so all are revoked when the password, the role or
+the state of the account changes.
 """
 
 from __future__ import annotations
@@ -16,27 +16,27 @@ from app.storage.models.accounts import Account, ApiToken, Invitation, SignIn
 
 
 @dataclass(frozen=True)
-class Ended:
-    """How many ways in were ended."""
+class Revoked:
+    """How many credentials of each kind were revoked."""
 
     sign_ins: int
     tokens: int
     links: int
 
-    def noted(self) -> dict[str, Any]:
-        """The same as details for the audit trail, without what there was none of."""
+    def as_details(self) -> dict[str, Any]:
+        """The counts as details for the audit log, without those that are zero."""
         counts = {"sign_ins": self.sign_ins, "tokens": self.tokens, "links": self.links}
         return {name: count for name, count in counts.items() if count}
 
 
-def end_all(db: Session, account: Account, *, but_sign_in: int | None = None) -> Ended:
-    """End every way into the account within a transaction.
+def revoke_all(db: Session, account: Account, *, except_sign_in: int | None = None) -> Revoked:
+    """Revoke every credential of the account within the transaction of `db`.
 
-    but_sign_in: the sign-in of the browser that asked, which may stay signed in.
+    except_sign_in: the id of a sign-in to keep, for the browser that made the request.
     """
     sign_ins = db.scalars(
         delete(SignIn)
-        .where(SignIn.account_id == account.id, SignIn.id != (but_sign_in or 0))
+        .where(SignIn.account_id == account.id, SignIn.id != (except_sign_in or 0))
         .returning(SignIn.id)
     ).all()
     tokens = db.scalars(
@@ -47,4 +47,4 @@ def end_all(db: Session, account: Account, *, but_sign_in: int | None = None) ->
         .where(Invitation.email == account.email, Invitation.used_at.is_(None))
         .returning(Invitation.id)
     ).all()
-    return Ended(len(sign_ins), len(tokens), len(links))
+    return Revoked(len(sign_ins), len(tokens), len(links))

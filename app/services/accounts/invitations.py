@@ -1,7 +1,7 @@
-"""Links with which somebody chooses a password, once: for a new account, or for a lost password.
+"""Single-use links for choosing a password, for a new account or a password reset.
 
-A link holds 256 random bits: nobody finds one by trying, so no limit on tries is needed. Only its
-hash is kept.
+A link holds 256 random bits, so guessing one is hopeless and attempts need no limit. Only its hash
+is stored.
 """
 
 from __future__ import annotations
@@ -23,13 +23,16 @@ from .login_rate_limit import CameFrom
 
 LASTS = timedelta(days=7)
 
-#: A used or expired link is remembered for so long, to say kindly what became of it.
+#: How long a used or expired link is kept, so that its page can say why it no longer works.
 REMEMBERED = timedelta(days=90)
 
 
 @dataclass(frozen=True)
 class Invited:
-    """Who may choose a password. `role`: of the new account; None if the account is there."""
+    """A link's recipient.
+
+    role: that of the new account; None for a reset of an existing account.
+    """
 
     id: int
     email: str
@@ -39,17 +42,27 @@ class Invited:
 
 
 def invite(app: AppContext, email: str, role: Role, actor: str) -> str:
-    """The path of a link that makes an account. Raises ConflictError if the address has one."""
+    """Create a link for a new account and return its path.
+
+    Raises ConflictError if the address has one.
+    """
     return _make(app, accounts.address(email), role, actor)
 
 
 def reset(app: AppContext, email: str, actor: str) -> str:
-    """The path of a link that gives an account another password. Raises NotFoundError."""
+    """Create a password-reset link and return its path.
+
+    Raises NotFoundError if no account has the address, and ConflictError if the account is
+    disabled.
+    """
     return _make(app, accounts.normal(email), None, actor)
 
 
 def find(app: AppContext, token: str) -> Invited:
-    """Whom the link of this token is for. Raises InvitationError if it cannot be used."""
+    """The recipient of the link with this token.
+
+    Raises InvitationError if the link cannot be used.
+    """
     statement = select(Invitation).where(Invitation.token_hash == secret_hash(token))
     with app.database.read() as db:
         row = db.scalar(statement)
@@ -65,14 +78,15 @@ def find(app: AppContext, token: str) -> Invited:
 
 
 def accept(app: AppContext, token: str, password: str) -> str:
-    """Choose a password; the address that can sign in with it now.
+    """Set the password for a link's recipient, create the account if it is new, and return its
+    address.
 
-    Raises InvitationError if the link cannot be used, or was used a moment ago; ConflictError if
-    the password is too short; TooManyPasswordsError.
+    Raises InvitationError if the link cannot be used or was just used; ConflictError if the
+    password is too short; TooManyPasswordsError.
     """
     invited = find(app, token)
-    # Only a link that is good comes as far as this.
-    with password_hash_limit.one_at_a_time(app, CameFrom(device=f"invitation {invited.id}")):
+    # Reached with a valid link only, so the queue for known devices is not open to strangers.
+    with password_hash_limit.hash_slot(app, CameFrom(device=f"invitation {invited.id}")):
         hashed = accounts.hashed_password(password)
     with app.database.write() as db:
         now = app.now()
@@ -93,9 +107,9 @@ def accept(app: AppContext, token: str, password: str) -> str:
             if account.disabled_at is not None:
                 raise InvitationError("This account is disabled. Ask an admin.")
             account.password_hash = hashed
-            ended = credential_revocation.end_all(db, account).noted()
-            told: dict[str, Any] = {"account": invited.email, **ended}
-            audit_log.note(db, now, invited.email, "password reset", **told)
+            ended = credential_revocation.revoke_all(db, account).as_details()
+            details: dict[str, Any] = {"account": invited.email, **ended}
+            audit_log.note(db, now, invited.email, "password reset", **details)
     return invited.email
 
 
@@ -110,8 +124,8 @@ def outstanding(app: AppContext) -> list[Invited]:
         return [_invited(row) for row in db.scalars(statement)]
 
 
-def take_back(app: AppContext, invitation_id: int, actor: str) -> None:
-    """Make a link worth nothing. Raises NotFoundError if it was used or is not there."""
+def revoke(app: AppContext, invitation_id: int, actor: str) -> None:
+    """Delete an unused link. Raises NotFoundError if it was used or does not exist."""
     with app.database.write() as db:
         row = db.get(Invitation, invitation_id)
         if row is None or row.used_at is not None:
@@ -131,7 +145,7 @@ def _make(app: AppContext, email: str, role: Role | None, actor: str) -> str:
                 raise ConflictError(f"expected an account that is not disabled, and {email!r} is")
         elif account is not None:
             raise ConflictError(f"expected a new address, and {email!r} has an account")
-        # The newest link counts: an earlier one may have gone to the wrong person.
+        # Only the newest link works: an earlier one may have gone to the wrong person.
         db.execute(
             delete(Invitation).where(Invitation.email == email, Invitation.used_at.is_(None))
         )

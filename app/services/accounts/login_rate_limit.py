@@ -1,9 +1,9 @@
-"""How often a password may be tried: after some tries a wait, which grows with each further one.
+"""Rate limit on password attempts: a sliding window in the database, with a growing delay.
 
-Tries are counted by the address that is signed in to and by where they come from. A browser in
-which that account signed in before is counted apart from all others: strangers who try the same
-address do not keep it out. The others are counted by their network, and, with more room, all
-together. Whether an account of that address exists makes no difference.
+Attempts are counted per address and origin. A browser in which the account signed in before has a
+counter of its own, so that strangers who try the same address do not lock its owner out. All other
+attempts are counted per network, and, with a higher limit, in total. Whether the address has an
+account makes no difference.
 """
 
 from __future__ import annotations
@@ -19,17 +19,20 @@ from app.services.runtime.ids import secret_hash
 from app.storage.advisory_lock import advisory_xact_lock
 from app.storage.models.accounts import FailedSignIn
 
-#: Enough for somebody who looks for the right one among their own; hopeless for who guesses.
+#: Attempts without a delay: enough to find a half-forgotten password, too few to guess one.
 TRIES = 10
-#: From everywhere but browsers that are known: more people than one may look for theirs.
+#: The same for one address from all networks together, known browsers not counted.
 TRIES_FROM_EVERYWHERE = 50
-#: For how long a try is counted.
+#: How long an attempt counts.
 WITHIN = timedelta(minutes=15)
 
 
 @dataclass(frozen=True)
 class CameFrom:
-    """Where a try comes from. `device`: a browser in which this account signed in before."""
+    """The origin of an attempt.
+
+    device: a browser in which this account signed in before, if it is one.
+    """
 
     network: str = ""
     device: str | None = None
@@ -40,7 +43,9 @@ ANYWHERE = CameFrom()
 
 @dataclass(frozen=True)
 class _Wait:
-    """After `free` tries: `first`, doubled by each further one, and never more than `longest`."""
+    """The delay after `free` attempts: `first`, doubled by each further attempt, at most
+    `longest`.
+    """
 
     free: int
     first: timedelta
@@ -53,32 +58,32 @@ class _Wait:
         return min(doubled, self.longest)
 
 
-#: 128 bits of a hash.
-_HALF = 32
+#: Length in hexadecimal digits: 128 bits.
+_HASH_PREFIX_LENGTH = 32
 _LONG_AGO = datetime.min.replace(tzinfo=UTC)
 _BY_ONE = _Wait(TRIES, timedelta(seconds=30), timedelta(minutes=5))
 _BY_ALL = _Wait(TRIES_FROM_EVERYWHERE, timedelta(seconds=5), timedelta(minutes=1))
 
 
-def spend(db: Session, now: datetime, email: str, came_from: CameFrom = ANYWHERE) -> None:
-    """Count one try, before it is known whether it succeeds. Raises TooManyTriesError."""
+def record_attempt(db: Session, now: datetime, email: str, came_from: CameFrom = ANYWHERE) -> None:
+    """Count one attempt, before its outcome is known. Raises TooManyTriesError during a delay."""
     key = _key(email, came_from)
-    # Of many at once each has to see those that were counted before it.
-    advisory_xact_lock(db, key if came_from.device is not None else _of_address(key))
+    # Serialised, so that each of several parallel attempts sees those counted before it.
+    advisory_xact_lock(db, key if came_from.device is not None else _address_prefix(key))
     db.execute(delete(FailedSignIn).where(FailedSignIn.failed_at <= now - WITHIN))
-    until = _until(db, _BY_ONE, FailedSignIn.key_hash == key)
+    until = _next_allowed_at(db, _BY_ONE, FailedSignIn.key_hash == key)
     if came_from.device is None:
-        start = _of_address(key)
-        # All that begin so: the next letter is no digit of a hash.
+        start = _address_prefix(key)
+        # All keys with this prefix: "g" follows the last hexadecimal digit.
         everywhere = (FailedSignIn.key_hash >= start, FailedSignIn.key_hash < f"{start}g")
-        until = max(until, _until(db, _BY_ALL, *everywhere))
+        until = max(until, _next_allowed_at(db, _BY_ALL, *everywhere))
     if until > now:
         raise TooManyTriesError("expected fewer tries, or more time between them", until)
     db.add(FailedSignIn(key_hash=key, failed_at=now))
 
 
-def was_wrong(db: Session, now: datetime, email: str, came_from: CameFrom = ANYWHERE) -> None:
-    """The newest try from there has failed: its minutes begin now."""
+def record_failure(db: Session, now: datetime, email: str, came_from: CameFrom = ANYWHERE) -> None:
+    """Restart the window of the newest attempt from this origin, now that it has failed."""
     newest = select(func.max(FailedSignIn.id)).where(
         FailedSignIn.key_hash == _key(email, came_from)
     )
@@ -90,13 +95,13 @@ def was_wrong(db: Session, now: datetime, email: str, came_from: CameFrom = ANYW
     )
 
 
-def forgive(db: Session, email: str, came_from: CameFrom = ANYWHERE) -> None:
-    """Forget the tries of an address from there once one succeeds."""
+def reset(db: Session, email: str, came_from: CameFrom = ANYWHERE) -> None:
+    """Delete the attempts for an address from this origin after a successful one."""
     db.execute(delete(FailedSignIn).where(FailedSignIn.key_hash == _key(email, came_from)))
 
 
-def _until(db: Session, wait: _Wait, *counted: ColumnElement[bool]) -> datetime:
-    """When the next try is taken after these."""
+def _next_allowed_at(db: Session, wait: _Wait, *counted: ColumnElement[bool]) -> datetime:
+    """When the next attempt is allowed, given the attempts that match `counted`."""
     number, newest = db.execute(
         select(func.count(FailedSignIn.id), func.max(FailedSignIn.failed_at)).where(*counted)
     ).one()
@@ -104,12 +109,12 @@ def _until(db: Session, wait: _Wait, *counted: ColumnElement[bool]) -> datetime:
 
 
 def _key(email: str, came_from: CameFrom) -> str:
-    """What a try is counted as. But for known devices, it begins with what the address has."""
+    """The counter's key. Without a known device, it begins with the prefix of the address."""
     if came_from.device is not None:
         return secret_hash(f"sign-in:{email}:device:{came_from.device}")
     of_network = secret_hash(f"sign-in:{email}:network:{came_from.network}")
-    return _of_address(secret_hash(f"sign-in:{email}")) + of_network[_HALF:]
+    return _address_prefix(secret_hash(f"sign-in:{email}")) + of_network[_HASH_PREFIX_LENGTH:]
 
 
-def _of_address(key: str) -> str:
-    return key[:_HALF]
+def _address_prefix(key: str) -> str:
+    return key[:_HASH_PREFIX_LENGTH]

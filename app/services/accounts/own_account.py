@@ -1,4 +1,4 @@
-"""What people change about their own account: their password, their sign-ins, their API tokens."""
+"""Self-service for one's own account: the password, the sign-ins and the API tokens."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ MOST_DAYS = API_TOKEN_LASTS.days
 
 @dataclass(frozen=True)
 class SignInLine:
-    """One browser in which somebody is signed in."""
+    """One sign-in of the caller. is_this: whether the request came with it."""
 
     id: int
     created_at: datetime
@@ -30,7 +30,7 @@ class SignInLine:
 
 @dataclass(frozen=True)
 class TokenLine:
-    """One API token, without what was shown once."""
+    """One API token of the caller, without its secret."""
 
     id: int
     label: str
@@ -41,34 +41,33 @@ class TokenLine:
 
 
 def change_password(app: AppContext, caller: Principal, old: str, new: str) -> None:
-    """Give one's own account another password.
+    """Change the caller's password, and revoke all their credentials but the present sign-in.
 
-    The sign-in that asks stays; every other one ends, with all API tokens and open links. Raises
-    ForbiddenError if the old one is wrong, or if the password was changed meanwhile,
-    TooManyTriesError, TooManyPasswordsError, or ConflictError if the new one is too short.
+    Raises ForbiddenError if the old password is wrong or was changed meanwhile, ConflictError if
+    the new one is too short, TooManyTriesError, or TooManyPasswordsError.
     """
-    # A browser that is signed in is known, and what strangers try does not keep it waiting.
+    # A signed-in browser is a known device: attempts by strangers do not delay it.
     came_from = login_rate_limit.CameFrom(device=f"account {caller.account_id}")
-    with password_hash_limit.one_at_a_time(app, came_from):
+    with password_hash_limit.hash_slot(app, came_from):
         with app.database.write() as db:
-            login_rate_limit.spend(db, app.now(), caller.email, came_from)
+            login_rate_limit.record_attempt(db, app.now(), caller.email, came_from)
             account = db.get_one(Account, caller.account_id)
         if not accounts.is_password_of(account, old):
             raise ForbiddenError("That is not the present password.")
         hashed = accounts.hashed_password(new)
     with app.database.write() as db:
-        login_rate_limit.forgive(db, caller.email, came_from)
-        now = accounts.held(db, caller.account_id)
+        login_rate_limit.reset(db, caller.email, came_from)
+        now = accounts.lock(db, caller.account_id)
         if now.password_hash != account.password_hash or now.disabled_at is not None:
-            # A reset came in between: it must not be undone by someone who knew the old password.
+            # Reset meanwhile: whoever knows the old password must not be able to undo that.
             raise ForbiddenError("The password was changed meanwhile. Sign in again.")
         now.password_hash = hashed
-        ended = credential_revocation.end_all(db, now, but_sign_in=caller.sign_in_id)
-        audit_log.note(db, app.now(), caller.email, "password changed", **ended.noted())
+        ended = credential_revocation.revoke_all(db, now, except_sign_in=caller.sign_in_id)
+        audit_log.note(db, app.now(), caller.email, "password changed", **ended.as_details())
 
 
 def sign_ins(app: AppContext, caller: Principal) -> list[SignInLine]:
-    """Where the caller is signed in, the newest first."""
+    """The caller's sign-ins in force, the newest first."""
     statement = (
         select(SignIn)
         .where(SignIn.account_id == caller.account_id, SignIn.expires_at > app.now())
@@ -82,7 +81,7 @@ def sign_ins(app: AppContext, caller: Principal) -> list[SignInLine]:
 
 
 def end_sign_ins(app: AppContext, caller: Principal, sign_in_id: int | None = None) -> None:
-    """End one of the caller's sign-ins, or (None) all but the one that asks.
+    """Delete one of the caller's sign-ins, or (None) all but the present one.
 
     Raises NotFoundError if it is not the caller's.
     """
@@ -122,7 +121,10 @@ def api_tokens(app: AppContext, caller: Principal) -> list[TokenLine]:
 
 
 def make_api_token(app: AppContext, caller: Principal, label: str, scope: Scope, days: int) -> str:
-    """A token for the caller's programs, shown this once. Raises ConflictError."""
+    """Create an API token for the caller and return it; only its hash is stored.
+
+    days: its lifetime. Raises ConflictError if the label or the lifetime is out of range.
+    """
     label = label.strip()
     if not 1 <= len(label) <= LONGEST_LABEL:
         raise ConflictError(
@@ -135,7 +137,7 @@ def make_api_token(app: AppContext, caller: Principal, label: str, scope: Scope,
 
 
 def revoke_api_token(app: AppContext, caller: Principal, token_id: int) -> None:
-    """Make one of the caller's API tokens worth nothing. Raises NotFoundError."""
+    """Delete one of the caller's API tokens. Raises NotFoundError if it is not the caller's."""
     with app.database.write() as db:
         row = db.get(ApiToken, token_id)
         if row is None or row.account_id != caller.account_id:

@@ -1,10 +1,10 @@
-"""Passwords are looked at one after the other.
+"""Limits password hashing to one at a time per process, with a bounded fair queue.
 
-Each takes 64 MiB of memory and every processor for a part of a second, and strangers may send as
-many as they like. So in each process one is looked at at a time, and a bounded number waits: first
-those from browsers that are known, then one from each network in turn. The others are told to come
-back. Neither evaluators nor the machine's memory have to bear it, and a flood from one network
-delays others by one password each.
+One hash takes 64 MiB of memory and every processor for a fraction of a second, and strangers can
+send any number of passwords. Attempts from known browsers go first, then those of one network after
+the other in rotation. Attempts beyond the bounds are refused with 429. This protects evaluators'
+response times and the machine's memory, and a flood from one network delays others by one hash
+each.
 """
 
 from __future__ import annotations
@@ -20,93 +20,94 @@ from app.services.runtime.errors import TooManyPasswordsError
 
 from .login_rate_limit import ANYWHERE, CameFrom
 
-#: How many wait for their turn, each in a thread; of one network half as many.
-WAITING = 64
-WAITING_OF_ONE_NETWORK = 32
-#: How many from known browsers wait besides.
-KNOWN_WAITING = 8
-#: For how long they wait, in seconds.
-PATIENCE_S = 30.0
-#: When one that is turned away may come back.
-COME_BACK = timedelta(seconds=10)
+#: How many attempts may wait, each in a thread: in total, and from one network.
+MAX_WAITING = 64
+MAX_WAITING_PER_NETWORK = 32
+#: How many attempts from known browsers may wait in addition.
+MAX_WAITING_KNOWN = 8
+#: The longest wait, in seconds.
+WAIT_TIMEOUT_S = 30.0
+#: The delay that a refused client is asked to keep before it tries again.
+RETRY_AFTER = timedelta(seconds=10)
 
 
-class _Turns:
-    """Lets one at a time pass: known ones first, then one of each network in turn."""
+class _FairQueue:
+    """A mutex with a queue: known browsers first, then the networks in rotation."""
 
     def __init__(self) -> None:
         self._changed = threading.Condition()
-        self._is_taken = False
+        self._is_busy = False
         self._known: deque[object] = deque()
-        # In the order of their turns.
+        # In order of rotation.
         self._networks: dict[str, deque[object]] = {}
 
-    def acquire(self, came_from: CameFrom, patience_s: float) -> bool:
-        """Wait for a turn; whether it came in time."""
+    def acquire(self, came_from: CameFrom, timeout_s: float) -> bool:
+        """Wait until the mutex is free; False after `timeout_s` seconds or if the queue is full."""
         ticket = object()
         network = came_from.network
         with self._changed:
             if came_from.device is not None:
-                waiting, most = self._known, KNOWN_WAITING
+                waiting, most = self._known, MAX_WAITING_KNOWN
             else:
                 waiting = self._networks.setdefault(network, deque())
-                most = WAITING_OF_ONE_NETWORK
+                most = MAX_WAITING_PER_NETWORK
             if len(waiting) >= most:
                 return False
             waiting.append(ticket)
-            came = self._changed.wait_for(lambda: self._is_next(ticket), patience_s)
+            came = self._changed.wait_for(lambda: self._is_next(ticket), timeout_s)
             waiting.remove(ticket)
             if waiting is not self._known:
-                # Its network is the last again, if others of it wait.
+                # The network moves to the end of the rotation if more of its attempts wait.
                 del self._networks[network]
                 if waiting:
                     self._networks[network] = waiting
-            self._is_taken = self._is_taken or came
+            self._is_busy = self._is_busy or came
             return came
 
     def release(self) -> None:
+        """Release the mutex to the next in the queue."""
         with self._changed:
-            self._is_taken = False
+            self._is_busy = False
             self._changed.notify_all()
 
     def _is_next(self, ticket: object) -> bool:
-        if self._is_taken:
+        if self._is_busy:
             return False
         if self._known:
             return self._known[0] is ticket
         return next(iter(self._networks.values()))[0] is ticket
 
     def __enter__(self) -> None:
-        self.acquire(ANYWHERE, PATIENCE_S)
+        self.acquire(ANYWHERE, WAIT_TIMEOUT_S)
 
     def __exit__(self, *_: object) -> None:
         self.release()
 
 
-_turn = _Turns()
-_places = threading.BoundedSemaphore(1 + WAITING)
-_known_places = threading.BoundedSemaphore(1 + KNOWN_WAITING)
+_queue = _FairQueue()
+_slots = threading.BoundedSemaphore(1 + MAX_WAITING)
+_known_slots = threading.BoundedSemaphore(1 + MAX_WAITING_KNOWN)
 
 
 @contextmanager
-def one_at_a_time(app: AppContext, came_from: CameFrom = ANYWHERE) -> Iterator[None]:
-    """Within this, no other password of this process. Raises TooManyPasswordsError."""
-    places, turn = _places if came_from.device is None else _known_places, _turn
-    if not places.acquire(blocking=False):
+def hash_slot(app: AppContext, came_from: CameFrom = ANYWHERE) -> Iterator[None]:
+    """Context in which the caller alone may hash a password. Raises TooManyPasswordsError."""
+    slots, queue = _slots if came_from.device is None else _known_slots, _queue
+    if not slots.acquire(blocking=False):
         raise _too_many(app)
     try:
-        if not turn.acquire(came_from, PATIENCE_S):
+        if not queue.acquire(came_from, WAIT_TIMEOUT_S):
             raise _too_many(app)
         try:
             yield
         finally:
-            turn.release()
+            queue.release()
     finally:
-        places.release()
+        slots.release()
 
 
 def _too_many(app: AppContext) -> TooManyPasswordsError:
     return TooManyPasswordsError(
         "expected fewer passwords at once: please try again in a moment",
-        app.now() + COME_BACK,
+        app.now() + RETRY_AFTER,
     )

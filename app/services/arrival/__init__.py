@@ -1,1 +1,1 @@
-"""How a participant gets in: admission, capacity, entry links and re-entry."""
+"""The arrival of participants: admission, capacity, entry links and re-entry."""

@@ -1,4 +1,4 @@
-"""Who comes in: what a newcomer is shown, and how a session begins."""
+"""Admission to a study: the data of the landing page, and the start of a session."""
 
 from __future__ import annotations
 
@@ -49,9 +49,10 @@ from . import capacity, entry_links, pilot_links, re_entry, session_start_limit
 
 @dataclass(frozen=True)
 class LandingPage:
-    """What somebody who has no session yet is shown; nothing is kept of them.
+    """The data of the consent page before a session exists. Nothing about the reader is stored.
 
-    welcome: what comes before the consent, where the study has it.
+    welcome: the HTML shown before the consent, or None. trials, queries: how many trials there are,
+    and how many queries each has.
     """
 
     study: State
@@ -64,10 +65,11 @@ class LandingPage:
 
     @property
     def title(self) -> str:
+        """The study's title in the page's language."""
         return str(self.study["title"])
 
 
-def entrance(
+def landing_page(
     app: AppContext,
     slug: str,
     language: str | None = None,
@@ -76,19 +78,20 @@ def entrance(
     ids: Mapping[str, str] = MappingProxyType({}),
     mode: str = LIVE,
 ) -> LandingPage:
-    """The study's consent. Raises NotFoundError, StudyNotOpenError, StudyFullError,
-    TooManyBegunError or EntryLinkError.
+    """The data of a study's landing page in the given language.
 
-    entry: the token of a link that lets one person in, where the study wants one, or of the link of
-    its pilot. ids: what the
-    link says of the person. mode: of the session that is to begin; whether the caller may begin it
-    has been asked before.
+    entry: the token of a single-use entry link or of the pilot link, if the study or the mode needs
+    one. ids: the platform ids of the link. mode: that of the session to be started; the caller has
+    checked that it may be.
+
+    Raises NotFoundError, StudyNotOpenError, StudyPausedError, StudyFullError, TooManyBegunError or
+    EntryLinkError.
     """
     study = repository.find(app, slug)
     failure_return.remember(slug, study.plan)
     _require_open(study, mode)
     with app.database.read() as db:
-        _require_no_crowd(app, db, study, mode, ids)
+        _require_start_allowed(app, db, study, mode, ids)
         if mode == LIVE:
             capacity.require(db, study, LIVE, app.now())
             entry_links.require_unused(db, study, entry)
@@ -108,10 +111,11 @@ def entrance(
     )
 
 
-def begun(app: AppContext, slug: str, arrival: str, browser: str) -> str | None:
-    """The token of the session that the consent form of this value has begun; None if none yet.
+def token_of_started_session(app: AppContext, slug: str, arrival: str, browser: str) -> str | None:
+    """The token of the session that this consent form has started, or None if it has started
+    none.
 
-    arrival, browser: as `start` has them.
+    arrival, browser: as for `start`.
     """
     token = _token_of_form(app, slug, arrival, browser)
     if token is None:
@@ -134,18 +138,23 @@ def start(
     is_signed: bool = False,
     browser: str = "",
 ) -> tuple[str, State]:
-    """Begin a session: a token, shown this once, and its state.
+    """Start a session; return its token, of which only the hash is stored, and its state.
 
-    An experimenter's program is taken back into the session of the ids that it gives.
+    When an experimenter's program passes ids that have a session, that session is resumed instead.
 
-    after: the token of a session that was left for too long, where the study lets one begin anew.
-    arrival: the random value of the consent form that begins the session; sent again, the form
-    leads into the session that it began. browser: the secret in a cookie of the browser that sends
-    it; a form that another browser sends leads elsewhere. is_signed: whether the platform's
-    signature on the ids was verified.
-    Raises AlreadyTakenPartError where the study does not let a person in twice, KnownPersonError
-    where somebody of these ids has begun, EntryLinkError where the study wants a link for each
-    person and this one lets nobody in, and TooManyBegunError.
+    external_ids: platform ids of the participant. by_experimenter: whether an authenticated
+    experimenter makes the call. entry: the token of an entry or pilot link. after: the token of a
+    session that became too old to resume, where the study allows a restart; the participant stays
+    the same. arrival: the random value of the consent form; sending the form again returns the
+    session that it started. browser: the secret in a cookie of the sending browser, so that the
+    form sent from another browser has another token. is_signed: whether the platform's signature on
+    the ids was verified.
+
+    Raises AlreadyTakenPartError if the study does not admit a person twice, KnownPersonError if a
+    session with these ids exists, EntryLinkError if the study needs an entry link and this one is
+    not valid, TooManyBegunError, StudyFullError, StudyNotOpenError, StudyPausedError,
+    SignedLinkError, UndeclaredIdentifierError, IdsRefusedError, or ForbiddenError for a mode that
+    needs an experimenter.
     """
     if mode in (PREVIEW, SIMULATED) and not by_experimenter:
         raise ForbiddenError(
@@ -155,35 +164,35 @@ def start(
     token = _token_of_form(app, slug, arrival, browser) or new_secret()
     seed = app.seed()
     with app.database.write() as db:
-        # One arrival at a time: the same person in two windows is seen to be the same.
+        # Arrivals are serialised, so that the same person in two windows is recognised.
         db.execute(select(Study.id).where(Study.slug == slug).with_for_update())
-        begun_already = _session_of(app, db, token)
-        if begun_already is not None:
-            return token, session_state.describe(app, db, begun_already)
+        started_already = _session_of(app, db, token)
+        if started_already is not None:
+            return token, session_state.describe(app, db, started_already)
         study = repository.read(db, slug)
         if mode == LIVE and not by_experimenter:
             _require_signed(study.plan, is_signed=is_signed)
         given = _given(study.plan, external_ids or {})
         ids = given.ids
-        joined = _left_behind(app, db, study, after) if after is not None else None
+        joined = _restartable_session(app, db, study, after) if after is not None else None
         if joined is None and by_experimenter:
             joined = re_entry.earlier_session(db, study, mode, ids)
             if joined is not None:
                 re_entry.refuse_if_blocked(db, study.plan, joined, is_proven=True)
-                if re_entry.may_go_on(app, study.plan, joined):
-                    re_entry.take_back(app, db, joined, token, is_full=True)
+                if re_entry.may_resume(app, study.plan, joined):
+                    re_entry.issue_token(app, db, joined, token, is_full=True)
                     db.flush()
                     return token, session_state.describe(app, db, joined)
         elif joined is None:
-            # An id alone joins nobody: who brings it may be anybody.
+            # A platform id is no proof of identity, so it does not lead into a session.
             re_entry.refuse_if_known(app, db, study, ids)
         _require_open(study, mode)
         now = app.now()
         if mode == PREVIEW or not by_experimenter:
-            _require_no_crowd(app, db, study, mode, ids)
+            _require_start_allowed(app, db, study, mode, ids)
         if mode == LIVE:
             capacity.require(db, study, mode, now)
-            entry_links.use(db, study, entry, now)
+            entry_links.redeem(db, study, entry, now)
         elif mode == PILOT and not by_experimenter:
             pilot_links.require_link(db, study, entry)
         participant_id = joined.participant_id if joined is not None else None
@@ -213,7 +222,7 @@ def start(
             last_seen_at=now,
             expires_at=now + timedelta(days=study.plan.session_expires_after_days),
         )
-        session_state.place(session, Progress.start())
+        session_state.store_progress(session, Progress.start())
         db.add(session)
         db.flush()
         state = session_state.describe(app, db, session)
@@ -223,7 +232,7 @@ def start(
 
 
 def _token_of_form(app: AppContext, slug: str, arrival: str, browser: str) -> str | None:
-    """None where two people could have thought of these values."""
+    """The token that the form leads to; None if one of the values is not random enough."""
     if not (is_secret(arrival) and is_secret(browser)):
         return None
     key = app.secret.key("sessions of consent forms")
@@ -231,16 +240,19 @@ def _token_of_form(app: AppContext, slug: str, arrival: str, browser: str) -> st
 
 
 def _session_of(app: AppContext, db: Session, token: str) -> SessionRow | None:
+    """The session of this token, expired or not; None if there is none."""
     try:
         return lookup.find(app, db, token, even_expired=True)
     except SignInRequiredError:
         return None
 
 
-def _left_behind(
+def _restartable_session(
     app: AppContext, db: Session, study: repository.StudyInfo, token: str
 ) -> SessionRow | None:
-    """The session of `token`, which its study lets one begin anew: it is the same participant's."""
+    """The session of `token` if it is too old to resume and its study allows a restart, else
+    None.
+    """
     session = _session_of(app, db, token)
     if session is None:
         return None
@@ -250,7 +262,7 @@ def _left_behind(
 
 
 def _given(plan: Plan, came: Mapping[str, str]) -> Given:
-    """What is kept of the identifiers that came.
+    """The ids to be stored, out of those that came.
 
     Raises UndeclaredIdentifierError for a key that the plan's platform does not add to its links,
     and IdsRefusedError.
@@ -293,7 +305,7 @@ def _require_open(study: repository.StudyInfo, mode: str) -> None:
         raise StudyPausedError(f"the study {study.slug!r} is paused and lets nobody in just now")
 
 
-def _require_no_crowd(
+def _require_start_allowed(
     app: AppContext, db: Session, study: repository.StudyInfo, mode: str, ids: Mapping[str, str]
 ) -> None:
     is_named = rules.person(study.plan.recruitment, ids) is not None
@@ -308,7 +320,9 @@ def _language(plan: Plan, wanted: str | None) -> str:
 def _assign(
     db: Session, study: repository.StudyInfo, mode: str, seed: int, now: datetime
 ) -> tuple[int, tuple[int, ...]]:
-    """The order of conditions that the fewest have finished or are in the middle of."""
+    """The index of the order of conditions with the fewest finished or active sessions, and the
+    condition of each of the session's trials.
+    """
     plan = study.plan
     orders = assignment.plan_orders(plan)
     taken = capacity.by_order(db, study, mode, now)

@@ -1,4 +1,4 @@
-"""How many places of a study are taken, and by whom: those who completed it, or are still in it."""
+"""Capacity of a study: how many of its places completed and active sessions take."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from app.study.protocol import Stage
 
 
 def by_order(db: Session, study: StudyInfo, mode: str, now: datetime) -> Counter[int]:
-    """How many sessions hold a place in each order of conditions."""
+    """The number of completed and active sessions per order of conditions."""
     held = db.execute(
         select(SessionRow.order_index, func.count(SessionRow.id))
         .where(SessionRow.mode == mode, _held(study, now))
@@ -26,14 +26,18 @@ def by_order(db: Session, study: StudyInfo, mode: str, now: datetime) -> Counter
 
 
 def require(db: Session, study: StudyInfo, mode: str, now: datetime) -> None:
-    """Raises StudyFullError if completed and active sessions fill the study's places."""
+    """Raise StudyFullError if completed and active sessions fill the study's places."""
     places = study.plan.places
     if places is not None and by_order(db, study, mode, now).total() >= places:
         raise StudyFullError(f"all {places} places of the study {study.slug!r} are taken")
 
 
 def _held(study: StudyInfo, now: datetime) -> ColumnElement[bool]:
-    """Completed, or heard of within the lease: whoever merely started would empty a condition."""
+    """The condition that a session takes a place: completed, or active within the study's lease.
+
+    A session without activity loses its place, since abandoned sessions would otherwise use up one
+    order of conditions.
+    """
     lease = timedelta(minutes=study.plan.lease_minutes)
     return and_(
         SessionRow.study_id == study.id,

@@ -1,6 +1,6 @@
-"""How many declined on the consent page: a number for each study and day, and nothing of anybody.
+"""Counts how often the consent was declined: one number per study and day, and no personal data.
 
-It counts presses of the button. Who reads the consent and leaves without a word is not counted.
+Only presses of the decline button are counted, not readers who leave the page.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ from app.storage.models.studies import Study
 
 
 def count(app: AppContext, slug: str) -> None:
-    """Count one more today, if the study is open."""
+    """Add one to today's number if the study is open."""
     day = app.now().replace(hour=0, minute=0, second=0, microsecond=0)
     with app.database.write() as db:
         study_id = db.scalar(select(Study.id).where(Study.slug == slug, Study.status == "open"))
         if study_id is None:
             return
-        # Of two who decline first on a day, the second finds the row of the first.
+        # Serialised, so that only one of two parallel calls inserts the row of the day.
         advisory_xact_lock(db, f"declined {study_id}")
         counted = db.execute(
             update(DeclinedCount)
@@ -37,7 +37,7 @@ def count(app: AppContext, slug: str) -> None:
 
 
 def counted(app: AppContext, study_id: int, modes: Sequence[str]) -> int:
-    """How often somebody declined so, if live sessions are asked for: no other mode has any."""
+    """The study's total number of declines. It is zero unless `modes` includes live sessions."""
     if "live" not in modes:
         return 0
     number = select(func.sum(DeclinedCount.number)).where(DeclinedCount.study_id == study_id)

@@ -1,4 +1,4 @@
-"""Links of a study's own that each let one person in, once. Of a link only a hash is kept."""
+"""Single-use entry links of a study, which admit one person each. Only their hashes are stored."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from app.services.studies import repository
 from app.storage.models.arrivals import EntryLink
 from app.study.plan import Plan
 
-#: More at once is a slip of the pen.
+#: More links in one call are taken for a typing error.
 MOST_AT_ONCE = 10_000
 
 
 @dataclass(frozen=True)
 class Counts:
-    """How many links a study has given out, and how many of them let somebody in."""
+    """The number of links that a study has issued, and of those that were used."""
 
     made: int
     used: int
@@ -31,13 +31,17 @@ class Counts:
 def create(
     app: AppContext, slug: str, count: int, label: str = "", actor: str = audit_log.COMMAND_LINE
 ) -> list[str]:
-    """Make links to a study that wants them: their paths, shown this once."""
+    """Create `count` links and return their paths, which are not stored.
+
+    Raises NotFoundError, or ConflictError if the study does not use single-use links or the count
+    is out of range.
+    """
     if not 1 <= count <= MOST_AT_ONCE:
         raise ConflictError(f"expected a number of links from 1 to {MOST_AT_ONCE}, got {count}")
     tokens = [new_secret() for _ in range(count)]
     with app.database.write() as db:
         study = repository.read(db, slug)
-        if not wanted(study.plan):
+        if not required(study.plan):
             raise ConflictError(
                 f"expected a study with `recruitment: {{links: single-use}}`, and {slug!r} lets "
                 "everybody in who has its link"
@@ -52,6 +56,7 @@ def create(
 
 
 def counts(app: AppContext, study_id: int) -> Counts:
+    """The number of issued and used links of a study."""
     with app.database.read() as db:
         made, used = db.execute(
             select(func.count(EntryLink.id), func.count(EntryLink.used_at)).where(
@@ -61,13 +66,14 @@ def counts(app: AppContext, study_id: int) -> Counts:
     return Counts(made, used)
 
 
-def wanted(plan: Plan) -> bool:
+def required(plan: Plan) -> bool:
+    """Whether the plan admits participants by single-use links only."""
     return plan.recruitment.links == "single-use"
 
 
 def require_unused(db: Session, study: repository.StudyInfo, token: str | None) -> None:
-    """Raises EntryLinkError unless the link can still let somebody in."""
-    if not wanted(study.plan):
+    """Raise EntryLinkError if the study needs an entry link and this one is unknown or used."""
+    if not required(study.plan):
         return
     if not token:
         raise EntryLinkError(
@@ -84,10 +90,10 @@ def require_unused(db: Session, study: repository.StudyInfo, token: str | None) 
         raise EntryLinkError("expected a link that nobody has used yet", is_used=True)
 
 
-def use(db: Session, study: repository.StudyInfo, token: str | None, now: datetime) -> None:
-    """Let one person in by this link: of two at the same moment, only one."""
+def redeem(db: Session, study: repository.StudyInfo, token: str | None, now: datetime) -> None:
+    """Mark the link as used. Of two simultaneous calls one raises EntryLinkError."""
     require_unused(db, study, token)
-    if not wanted(study.plan) or token is None:
+    if not required(study.plan) or token is None:
         return
     marked = db.execute(
         update(EntryLink)

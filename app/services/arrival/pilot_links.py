@@ -1,8 +1,8 @@
-"""Pilots: people try a study by a link of its own, before it counts.
+"""Pilot links, with which people try a study before it counts.
 
-The link is one secret for all whom an experimenter sends it to. Of it only a hash is kept. A pilot
-is possible while the study is a draft, and while it is open; its sessions hold no place, weigh in
-no balance of conditions and are given no completion code.
+One secret link per study is shared by all pilot participants; only its hash is stored. A pilot is
+possible while the study is a draft or open. Its sessions take no place, do not count in the balance
+of conditions and get no completion code.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from app.services.runtime.ids import new_secret, secret_hash
 from app.services.studies import repository
 from app.storage.models.studies import Study
 
-#: Pages of a pilot are at the addresses of the study's pages, after this.
+#: The prefix of a pilot's pages before the paths of the study's pages.
 PREFIX = "/pilot"
 
 
@@ -29,9 +29,9 @@ def path_of(slug: str, token: str) -> str:
 
 
 def make_link(app: AppContext, slug: str, actor: str = audit_log.COMMAND_LINE) -> str:
-    """The token of a new link, shown this once. The one before it lets nobody in any more.
+    """Replace the study's pilot link and return the token of the new one, which is not stored.
 
-    Raises NotFoundError, or ConflictError where the study is closed.
+    Raises NotFoundError, or ConflictError if the study is closed.
     """
     token = new_secret()
     with app.database.write() as db:
@@ -44,7 +44,7 @@ def make_link(app: AppContext, slug: str, actor: str = audit_log.COMMAND_LINE) -
 
 
 def end_link(app: AppContext, slug: str, actor: str = audit_log.COMMAND_LINE) -> None:
-    """Let nobody into a pilot any more; who is in one goes on. Raises NotFoundError."""
+    """Delete the pilot link; pilot sessions under way continue. Raises NotFoundError."""
     with app.database.write() as db:
         study = _study(db, slug)
         if study.pilot_link_hash is not None:
@@ -53,12 +53,12 @@ def end_link(app: AppContext, slug: str, actor: str = audit_log.COMMAND_LINE) ->
 
 
 def has_link(db: Session, study_id: int) -> bool:
-    """Whether there is a link that lets people into a pilot of the study."""
+    """Whether the study has a pilot link."""
     return _hash(db, study_id) is not None
 
 
 def require_link(db: Session, study: repository.StudyInfo, token: str | None) -> None:
-    """Raises EntryLinkError unless this is the token of the study's present pilot link."""
+    """Raise EntryLinkError unless this is the token of the study's current pilot link."""
     kept = _hash(db, study.id)
     if token is None or kept is None or not hmac.compare_digest(kept, secret_hash(token)):
         raise EntryLinkError(

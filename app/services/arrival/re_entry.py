@@ -1,8 +1,9 @@
-"""The same person coming twice: what a platform's ids can prove, and what they cannot.
+"""Recognises returning participants, and lets them re-enter their session from another browser.
 
-A platform's name for a person is no secret: other requesters know it. So it alone leads nobody into
-a session. Its name for this one submission is, like the receipt code: with both, and by a press, a
-person is taken back into their session. What happens then is the study's `recruitment.returning`.
+A platform's id of a person is no secret, since other requesters on the platform know it, so it does
+not lead into a session. The platform's id of the submission is unguessable, and so is the receipt
+code: either of them lets a person resume their session by pressing a button.
+`recruitment.returning` in the study's plan decides what else happens.
 """
 
 from __future__ import annotations
@@ -23,15 +24,15 @@ from app.storage.models.studies import Identity, Participant, SessionRow
 from app.study import recruitment as rules
 from app.study.plan import Plan
 
-#: The mode of the sessions that pages begin.
+#: The mode of sessions that participants start on the pages.
 _LIVE = "live"
 
 
 def require_unknown(app: AppContext, slug: str, ids: Mapping[str, str]) -> None:
-    """Let a newcomer pass, and write nothing.
+    """Raise if a person with these ids may not start a new session. Writes nothing.
 
-    Raises KnownPersonError or AlreadyTakenPartError if somebody of these ids has a session, and
-    SessionTooOldError if they were away for too long to go on or to begin another one.
+    Raises KnownPersonError or AlreadyTakenPartError if a session with these ids exists, and
+    SessionTooOldError if it is too old to resume and the study does not allow a restart.
     """
     with app.database.read() as db:
         study = repository.read(db, slug)
@@ -41,24 +42,24 @@ def require_unknown(app: AppContext, slug: str, ids: Mapping[str, str]) -> None:
 def refuse_if_known(
     app: AppContext, db: Session, study: repository.StudyInfo, ids: Mapping[str, str]
 ) -> None:
-    """As `require_unknown`, within a transaction."""
+    """As `require_unknown`, within the transaction of `db`."""
     earlier = earlier_session(db, study, _LIVE, ids)
     if earlier is None:
         return
     proven = names_its_submission(db, study.plan, earlier, ids)
     refuse_if_blocked(db, study.plan, earlier, is_proven=proven)
-    if may_go_on(app, study.plan, earlier):
+    if may_resume(app, study.plan, earlier):
         raise KnownPersonError(
             "expected a person who has not begun this study, and somebody of this id has",
             may_resume=proven,
         )
 
 
-def come_back(app: AppContext, slug: str, ids: Mapping[str, str]) -> str:
-    """A token for another browser of the person, who is known by their submission's id.
+def resume_by_ids(app: AppContext, slug: str, ids: Mapping[str, str]) -> str:
+    """Issue a token for another browser of the person, who is identified by the submission's id.
 
-    Raises KnownPersonError where the ids prove nothing, NotFoundError where they name nobody, and
-    AlreadyTakenPartError where the study lets nobody in twice.
+    Raises KnownPersonError if the ids prove nothing, NotFoundError if no session has them, and
+    AlreadyTakenPartError if the study does not admit a person twice.
     """
     token = new_secret()
     with app.database.write() as db:
@@ -68,35 +69,35 @@ def come_back(app: AppContext, slug: str, ids: Mapping[str, str]) -> str:
             raise NotFoundError("expected ids of somebody who has begun this study")
         proven = names_its_submission(db, study.plan, earlier, ids)
         refuse_if_blocked(db, study.plan, earlier, is_proven=proven)
-        if not proven or not may_go_on(app, study.plan, earlier):
+        if not proven or not may_resume(app, study.plan, earlier):
             raise KnownPersonError(
                 "expected the id of the submission under which the session began",
                 may_resume=False,
             )
-        take_back(app, db, earlier, token, is_full=False)
+        issue_token(app, db, earlier, token, is_full=False)
     return token
 
 
-def come_back_by_receipt(app: AppContext, slug: str, receipt: str) -> str:
-    """A token for another browser of the person, who has the receipt code of the session.
+def resume_by_receipt(app: AppContext, slug: str, receipt: str) -> str:
+    """Issue a token for another browser of the person, who is identified by the receipt code.
 
-    Raises NotFoundError where no session of the study has it.
+    Raises NotFoundError if no session of the study has this code.
     """
     token = new_secret()
     with app.database.write() as db:
         row = receipts.session_of_receipt(db, slug, receipt)
         if row is None:
             raise NotFoundError("expected a receipt code of this study, and nothing is kept for it")
-        take_back(app, db, row, token, is_full=True)
+        issue_token(app, db, row, token, is_full=True)
     return token
 
 
 def earlier_session(
     db: Session, study: repository.StudyInfo, mode: str, ids: Mapping[str, str]
 ) -> SessionRow | None:
-    """The session of the person of these ids; None if there is none.
+    """The session of the person with these ids, or None.
 
-    Of several, the newest of this very submission; else the newest.
+    Of several, the newest of this submission; else the newest.
     """
     person = rules.person(study.plan.recruitment, ids)
     if person is None:
@@ -124,7 +125,7 @@ def earlier_session(
 def names_its_submission(
     db: Session, plan: Plan, session: SessionRow, ids: Mapping[str, str]
 ) -> bool:
-    """Whether the ids hold the platform's unguessable name of this session's submission."""
+    """Whether the ids include the platform's unguessable id of this session's submission."""
     submission = rules.submission(plan.recruitment, ids)
     if submission is None:
         return False
@@ -132,10 +133,10 @@ def names_its_submission(
     return completion.ids_of(db, session.participant_id).get(key) == value
 
 
-def may_go_on(app: AppContext, plan: Plan, earlier: SessionRow) -> bool:
-    """Whether a person is taken back into this session, rather than beginning another one.
+def may_resume(app: AppContext, plan: Plan, earlier: SessionRow) -> bool:
+    """Whether a person resumes this session instead of starting another one.
 
-    Raises SessionTooOldError if they were away for too long to do either.
+    Raises SessionTooOldError if it is too old and the study allows neither.
     """
     its_plan, now = repository.stored_plan(earlier.plan), app.now()
     if its_plan.resume.policy == "block":
@@ -147,16 +148,17 @@ def may_go_on(app: AppContext, plan: Plan, earlier: SessionRow) -> bool:
 
 
 def refuse_if_blocked(db: Session, plan: Plan, earlier: SessionRow, *, is_proven: bool) -> None:
-    """Raises AlreadyTakenPartError if the study does not let this person in again.
+    """Raise AlreadyTakenPartError if the study does not admit this person again.
 
-    is_proven: whether it is known to be them: only they are told the way back of their session.
+    is_proven: whether the person's identity is proven; only then does the error carry the session's
+    return link.
     """
     if plan.recruitment.returning != "block":
         return
     is_over = earlier.stage in session_state.ENDED
     way_back = None
     if is_over and is_proven:
-        # Whoever comes back for a code that they did not note is not kept from it.
+        # A person who did not note their completion code can still get it.
         way_back = completion.at_the_end(db, earlier, repository.stored_plan(earlier.plan))
     raise AlreadyTakenPartError(
         "this participant has a session of this study, and it takes each person once",
@@ -165,21 +167,22 @@ def refuse_if_blocked(db: Session, plan: Plan, earlier: SessionRow, *, is_proven
     )
 
 
-def take_back(
+def issue_token(
     app: AppContext, db: Session, session: SessionRow, token: str, *, is_full: bool
 ) -> None:
-    """Let another browser into the session, in place of the one that came back before it.
+    """Store a token with which another browser may enter the session, in place of an earlier
+    such one.
 
-    The browser in which the session began, and its receipt, stay good. is_full: whether the new
-    browser may do all that the first one may, with a receipt of its own: it may see no receipt and
-    delete nothing where only a platform's ids led it here.
+    The browser that started the session and its receipt code stay valid. is_full: whether the new
+    browser has all rights and a receipt code of its own; one that was let in by platform ids can
+    neither see a receipt nor delete data.
     """
     db.execute(delete(Reentry).where(Reentry.session_id == session.id))
     db.add(
         Reentry(
             session_id=session.id,
             token_hash=secret_hash(token),
-            # No code leads to the hash of a secret that nobody was told.
+            # A hash that no receipt code has.
             receipt_hash=receipt_hash(receipt_code(token))
             if is_full
             else secret_hash(new_secret()),
@@ -189,7 +192,7 @@ def take_back(
 
 
 def write_ids(app: AppContext, db: Session, participant_id: int, ids: Mapping[str, str]) -> None:
-    """Keep these ids, but for those of which the participant has one already."""
+    """Store these ids of a participant, except for keys that are stored already."""
     known = completion.ids_of(db, participant_id)
     db.add_all(
         Identity(participant_id=participant_id, key=key, value=value, created_at=app.now())

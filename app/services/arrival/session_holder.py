@@ -1,7 +1,7 @@
-"""The session that a browser's cookie leads to: whose it is, and what its holder may do with it.
+"""Decides whether a request comes from the person whose session its cookie belongs to.
 
-An identity in the request outranks the cookie: on a shared computer the next person brings an id or
-a link of their own, and must not find the session of the last one.
+An identity in the request takes precedence over the cookie: on a shared computer the next person
+brings an id or a link of their own, and must not enter the previous person's session.
 """
 
 from __future__ import annotations
@@ -26,27 +26,29 @@ from app.study.plan import Plan
 
 from . import re_entry
 
-#: For how long after its end a browser still finds a session by its cookie.
+#: How long after a session's end its cookie still leads to it.
 KEPT_AFTER_END = timedelta(days=1)
 
 _LIVE = "live"
 
 
 class Holder(StrEnum):
-    """Who the person is that a request comes from, as against the session of its cookie."""
+    """The person of a request in relation to the session of its cookie."""
 
-    #: There is no session, or one that ended long ago.
+    #: There is no session, or it ended more than `KEPT_AFTER_END` ago.
     NOBODY = "nobody"
-    #: The session's own person, as far as anybody can tell.
+    #: As far as can be told, the person of the session.
     SAME = "same"
-    #: The request names a person, and the session began without a name: only they can say.
+    #: The request has ids and the session has none, so the person has to be asked.
     UNCERTAIN = "uncertain"
-    #: The request names another person than the session's.
+    #: The request has the ids of another person.
     OTHER = "other"
 
 
 def holder(app: AppContext, slug: str, token: str | None, ids: Mapping[str, str]) -> Holder:
-    """Who comes with this token in the cookie and these ids in the link."""
+    """Compare the person of a request, with this token in its cookie and these ids, to the
+    session.
+    """
     if token is None:
         return Holder.NOBODY
     with app.database.read() as db:
@@ -60,17 +62,17 @@ def holder(app: AppContext, slug: str, token: str | None, ids: Mapping[str, str]
 
 
 def kept_until(app: AppContext, slug: str, token: str) -> datetime | None:
-    """Until when a browser finds the ended session of this token; None while it goes on."""
+    """Until when the cookie of an ended session leads to it; None while the session goes on."""
     with app.database.read() as db:
         row = _find(app, db, slug, token)
         return None if row is None else _kept_until(db, row, token)
 
 
 def add_ids(app: AppContext, slug: str, token: str, ids: Mapping[str, str]) -> None:
-    """Keep the ids of a session's person, who has said that they are the one.
+    """Store the ids of a session's person, after they have confirmed who they are.
 
-    Raises SignInRequiredError where the token leads to no session, and KnownPersonError where the
-    ids are of somebody who has a session of their own.
+    Raises SignInRequiredError if no session has the token, and KnownPersonError if another session
+    has the ids.
     """
     with app.database.write() as db:
         row = _find(app, db, slug, token)
@@ -96,7 +98,7 @@ def _find(app: AppContext, db: Session, slug: str, token: str) -> SessionRow | N
 
 
 def _kept_until(db: Session, session: SessionRow, token: str) -> datetime | None:
-    """A day from the end, or from when the person came back to it in this browser."""
+    """A day after the session's end, or after the person re-entered it with this token."""
     if session.ended_at is None:
         return None
     came_back = db.scalar(
@@ -111,7 +113,7 @@ def _compared(db: Session, session: SessionRow, ids: Mapping[str, str]) -> Holde
     if person is None and submission is None:
         return Holder.SAME
     if session.mode != _LIVE:
-        # Somebody who looked at the study in this browser before.
+        # A preview or pilot that was looked at in this browser before.
         return Holder.OTHER
     kept_person, kept_submission = _names(plan, completion.ids_of(db, session.participant_id))
     has_ended = session.stage in session_state.ENDED

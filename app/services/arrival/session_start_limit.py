@@ -1,9 +1,9 @@
-"""How many sessions of a study may be begun and not gone on with.
+"""Rate limit on abandoned session starts.
 
-Anybody may begin one where a study is open to everybody, and each takes room. Addresses tell
-nothing: a laboratory's thirty people come by one, and a stranger by many. So what is counted is
-what only a stranger's program leaves behind in such numbers: sessions without an answer. Whoever
-comes with a platform's id has as much room again, which those without one cannot take.
+Anyone can start sessions of an open study, and each takes storage. Network addresses are no
+measure: the thirty people of a laboratory share one, and an attacker has many. What is counted is
+what only a program leaves in such numbers: sessions without a response. Participants with a
+platform id have a further allowance that those without one cannot use up.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from . import entry_links
 
 WITHIN = timedelta(hours=1)
 
-#: Where a session can be that has answered no pair that counts.
+#: Stages in which a session may have no response to a query that counts.
 _EARLY = tuple(
     stage.value
     for stage in (
@@ -37,25 +37,26 @@ _EARLY = tuple(
 def require(
     db: Session, study: StudyInfo, limit: int, now: datetime, *, mode: str, is_named: bool
 ) -> None:
-    """Raises TooManyBegunError if `limit` sessions began within the hour and answered nothing.
+    """Raise TooManyBegunError if `limit` sessions without a response were started within the
+    hour.
 
-    mode: each mode is counted for itself, so that previews take no room from those who take part.
-    is_named: whether a platform's id came along, as it does with all whom the platform sends: twice
-    as many have to have begun then. Nobody can say whether an id is a true one.
+    mode: each mode is counted separately, so that previews do not use up the allowance of live
+    sessions. is_named: whether the request carries a platform id, which doubles the limit; the id
+    cannot be verified.
 
-    Deleted ones are counted by the day on which they were: nothing more is known of them. Live
-    sessions of a study of single-use links have a bound of their own: how many links it gave out.
+    Deleted sessions count on the day of their deletion, since their start is no longer known. Live
+    sessions of a study with single-use links are not limited here, but by the number of links.
     """
-    if mode == LIVE and entry_links.wanted(study.plan):
+    if mode == LIVE and entry_links.required(study.plan):
         return
     if is_named:
         limit *= 2
-    # Deleting what was begun must not make room for more.
+    # Deleting sessions must not free the allowance.
     left = limit - _deleted_today(db, study, mode, now)
     oldest = None if left < 1 else _oldest(db, study, mode, left, now)
     if left >= 1 and oldest is None:
         return
-    # Where deleted ones alone are too many, that is so until their day is over.
+    # If the deleted sessions alone reach the limit, it holds until the end of the day.
     until = oldest + WITHIN if oldest is not None else _day(now) + timedelta(days=1)
     raise TooManyBegunError(
         f"expected at most {limit} sessions of the study {study.slug!r} to begin within an hour"
@@ -65,7 +66,7 @@ def require(
 
 
 def _oldest(db: Session, study: StudyInfo, mode: str, count: int, now: datetime) -> datetime | None:
-    """When the last but `count` of these sessions began; None if there are fewer."""
+    """When the `count`-th newest of these sessions started; None if there are fewer."""
     return db.scalar(
         select(SessionRow.started_at)
         .where(
@@ -94,5 +95,5 @@ def _deleted_today(db: Session, study: StudyInfo, mode: str, now: datetime) -> i
 
 
 def _day(now: datetime) -> datetime:
-    """When the day began."""
+    """The start of the day."""
     return now.replace(hour=0, minute=0, second=0, microsecond=0)

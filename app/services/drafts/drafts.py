@@ -97,7 +97,7 @@ def begin(app: AppContext, caller: Principal, name: str, sent: Sequence[Sent] = 
     """
     if not access.may_make_studies(caller):
         raise ForbiddenError(f"{caller.email} ({caller.role.value}) may not make studies")
-    require_place(app, caller)
+    require_room(app, caller)
     name = " ".join(name.split())[:LONGEST_NAME] or _name_of(sent) or "A new study"
     public_id = new_public_id()
     draft = Draft(public_id, name, folder_of(app, public_id), app.now())
@@ -105,12 +105,12 @@ def begin(app: AppContext, caller: Principal, name: str, sent: Sequence[Sent] = 
     try:
         draft_files.store(draft.folder, sent, _limit(app, caller, draft))
         if not (draft.folder / STUDY_FILE).is_file():
-            draft_files.complete(
+            draft_files.add_scaffold(
                 draft.folder,
                 name,
-                draft_slugs.of_title(app, name, (one.folder for one in mine(app, caller))),
+                draft_slugs.of_title(app, name, (one.folder for one in list_drafts(app, caller))),
             )
-        draft_files.settle(draft.folder)
+        draft_files.place_files(draft.folder)
         _keep_row(app, caller, draft, "draft begun")
     except BaseException:
         shutil.rmtree(draft.folder, ignore_errors=True)
@@ -128,7 +128,7 @@ def clone(app: AppContext, caller: Principal, study: repository.StudyInfo, new_s
     if not access.may_make_studies(caller):
         raise ForbiddenError(f"{caller.email} ({caller.role.value}) may not make studies")
     is_change = not new_slug or new_slug == study.slug
-    require_place(app, caller)
+    require_room(app, caller)
     slug = draft_slugs.of_copy(app, study, study.slug if is_change else new_slug)
     public_id = new_public_id()
     draft = Draft(public_id, slug, folder_of(app, public_id), app.now())
@@ -143,7 +143,7 @@ def clone(app: AppContext, caller: Principal, study: repository.StudyInfo, new_s
     return draft
 
 
-def mine(app: AppContext, caller: Principal) -> list[Draft]:
+def list_drafts(app: AppContext, caller: Principal) -> list[Draft]:
     """What the caller is making, the newest first."""
     with app.database.read() as db:
         rows = db.scalars(
@@ -191,7 +191,7 @@ def files(draft: Draft) -> list[DraftFile]:
     return sorted(found, key=lambda file: (not file.is_text, file.name != STUDY_FILE, file.name))
 
 
-def require_place(app: AppContext, caller: Principal, coming: int = 0) -> None:
+def require_room(app: AppContext, caller: Principal, coming: int = 0) -> None:
     """Raises NoRoomError if the caller is making as much as they may, or the disk has no room."""
     disk_quota.require(app.settings, app.settings.uploads_dir, coming)
     most = app.settings.drafts_per_account
@@ -219,7 +219,7 @@ def add(app: AppContext, caller: Principal, draft: Draft, sent: Sequence[Sent]) 
         raise UploadRefusedError(["Expected a file, got none."])
     disk_quota.require(app.settings, draft.folder)
     names = draft_files.store(draft.folder, sent, _limit(app, caller, draft))
-    draft_files.settle(draft.folder)
+    draft_files.place_files(draft.folder)
     _changed(app, draft)
     return names
 
@@ -318,7 +318,7 @@ def _keep_row(
     now = draft.changed_at
     with app.database.write() as db:
         # Held: of two that are begun at once the second counts the first.
-        accounts.held(db, caller.account_id)
+        accounts.lock(db, caller.account_id)
         if _number(db, caller) >= app.settings.drafts_per_account:
             raise NoRoomError("expected fewer studies being made: another was begun just now")
         db.add(
@@ -359,7 +359,9 @@ def _touch(db: Session, app: AppContext, draft: Draft) -> None:
 def _limit(app: AppContext, caller: Principal, draft: Draft) -> int:
     """Bytes that this draft may take: a study's limit, and what is left of its maker's."""
     others = sum(
-        uploads.size_of(one.folder) for one in mine(app, caller) if one.public_id != draft.public_id
+        uploads.size_of(one.folder)
+        for one in list_drafts(app, caller)
+        if one.public_id != draft.public_id
     )
     left = app.settings.account_limit_mb * 1_000_000 - others
     if left <= 0:
@@ -376,14 +378,14 @@ def _name_of(sent: Sequence[Sent]) -> str:
 
 
 def _existing(draft: Draft, name: str) -> Path:
-    path = draft.folder / uploads.harmless(name)
+    path = draft.folder / uploads.safe_name(name)
     if not path.is_file():
         raise NotFoundError(f"there is no file {name!r} in this study")
     return path
 
 
 def _text_path(draft: Draft, name: str) -> Path:
-    path = draft.folder / uploads.harmless(name)
+    path = draft.folder / uploads.safe_name(name)
     if path.suffix.lower() not in TEXT_ENDINGS or path.is_dir():
         raise ConflictError(f"expected a text such as {STUDY_FILE} to be changed, got {name!r}")
     return path

@@ -17,7 +17,7 @@ from app.study.recordings import FILE_COLUMN
 from app.study.validation_errors import UnreadableFileError
 
 from . import uploads
-from .upload_names import clashes, name_fault
+from .upload_names import name_conflicts, name_fault
 from .uploads import UploadRefusedError
 
 VIDEO_ENDINGS = (".mp4", ".m4v", ".mov", ".webm", ".ogv", ".ogg", ".avi", ".mkv", ".mpg", ".mpeg")
@@ -40,16 +40,16 @@ def store(folder: Path, sent: Sequence[Sent], limit: int) -> list[str]:
     faults: list[str] = []
     for one in sent:
         try:
-            names.append(uploads.harmless(one.name))
+            names.append(uploads.safe_name(one.name))
         except UploadRefusedError as error:
             faults.extend(error.faults)
     if not faults:
         places = [
-            name if is_zip(one) else _place(folder, name)
+            name if is_zip(one) else _target_path(folder, name)
             for name, one in zip(names, sent, strict=True)
         ]
         plain = (place for place, one in zip(places, sent, strict=True) if not is_zip(one))
-        faults.extend(clashes(plain, folder))
+        faults.extend(name_conflicts(plain, folder))
     if faults:
         raise UploadRefusedError(faults)
     stored: list[str] = []
@@ -63,7 +63,7 @@ def store(folder: Path, sent: Sequence[Sent], limit: int) -> list[str]:
     return stored
 
 
-def complete(folder: Path, title: str, slug: str) -> None:
+def add_scaffold(folder: Path, title: str, slug: str) -> None:
     """Begin what is missing to be a study's folder: a plan for its CSV, and texts."""
     tables = sorted(path for path in folder.glob("*.csv"))
     parameters: list[str] = []
@@ -82,7 +82,7 @@ def complete(folder: Path, title: str, slug: str) -> None:
             path.write_text(text, encoding="utf-8")
 
 
-def settle(folder: Path) -> None:
+def place_files(folder: Path) -> None:
     """Move each video to where the CSV says that it is, if it came without its folder."""
     for table in folder.glob("*.csv"):
         try:
@@ -94,14 +94,14 @@ def settle(folder: Path) -> None:
             if (
                 misplaced(name) is not None
                 or name_fault(name) is not None
-                or clashes([name], folder)
+                or name_conflicts([name], folder)
             ):
                 # The check says what is wrong with it.
                 continue
             target = folder / name
             if target.exists():
                 continue
-            found = _called(folder, PurePosixPath(name).name)
+            found = _files_named(folder, PurePosixPath(name).name)
             if len(found) == 1 and found[0].relative_to(folder).as_posix() not in named:
                 target.parent.mkdir(parents=True, exist_ok=True)
                 found[0].replace(target)
@@ -111,12 +111,12 @@ def is_zip(one: Sent) -> bool:
     return one.name.lower().endswith(".zip")
 
 
-def _place(folder: Path, name: str) -> str:
+def _target_path(folder: Path, name: str) -> str:
     """Where a file of this name belongs: where one of its name is, or as its ending says."""
     path = PurePosixPath(name)
     if len(path.parts) > 1:
         return name
-    same = _called(folder, path.name)
+    same = _files_named(folder, path.name)
     if len(same) == 1:
         return same[0].relative_to(folder).as_posix()
     if path.suffix.lower() in VIDEO_ENDINGS:
@@ -126,6 +126,6 @@ def _place(folder: Path, name: str) -> str:
     return name
 
 
-def _called(folder: Path, name: str) -> list[Path]:
+def _files_named(folder: Path, name: str) -> list[Path]:
     """The files of this name, wherever they lie in the folder."""
     return [path for path in folder.rglob("*") if path.name == name and path.is_file()]

@@ -28,7 +28,7 @@ ORIGIN = ".origin"
 
 def of_title(app: AppContext, title: str, making: Iterable[Path]) -> str:
     """A slug made of the title that no study has, and none of the folders that are being made."""
-    said = filter(None, map(_said, making))
+    said = filter(None, map(_slug_in_plan, making))
     with app.database.read() as db:
         return slugs.free(db, draft_plan.slug_of(title), said)
 
@@ -89,7 +89,7 @@ def fault(app: AppContext, folder: Path, slug: str) -> Fault | None:
     return Fault(STUDY_FILE, None, message)
 
 
-def _said(folder: Path) -> str | None:
+def _slug_in_plan(folder: Path) -> str | None:
     try:
         text = read_text(folder, folder / STUDY_FILE)
     except UnreadableFileError:

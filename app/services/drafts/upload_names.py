@@ -76,7 +76,7 @@ def _part_fault(part: str, name: str) -> str | None:
     return None
 
 
-def clashes(names: Iterable[str], folder: Path | None = None) -> list[str]:
+def name_conflicts(names: Iterable[str], folder: Path | None = None) -> list[str]:
     """What keeps these files from lying together, or in the folder: a sentence each.
 
     A file of the very same name in the folder is no clash: it is replaced.

@@ -19,10 +19,10 @@ from typing import IO
 from app.services.runtime.errors import ServiceError
 from app.study.shortening import shortened
 
-from .upload_names import clashes, name_fault, normal
+from .upload_names import name_conflicts, name_fault, normal
 
 #: How many faults a refusal names; it counts the others.
-MOST_FAULTS_TOLD = 20
+MOST_FAULTS_NAMED = 20
 #: A study of more files than this is a slip, or meant to fill the disk with names.
 MOST_FILES = 20_000
 #: Text and videos pack to no less than this part of their size; what packs better is a bomb.
@@ -31,7 +31,7 @@ LARGEST_RATIO = 200
 RATIO_COUNTS_FROM = 1_000_000
 _PIECE = 1 << 20
 #: What systems leave in zips of their own accord.
-_LITTER = ("__MACOSX", ".DS_Store", "Thumbs.db", "desktop.ini")
+_OS_METADATA = ("__MACOSX", ".DS_Store", "Thumbs.db", "desktop.ini")
 _ENCRYPTED = 0x1
 
 
@@ -40,13 +40,13 @@ class UploadRefusedError(ServiceError):
 
     def __init__(self, faults: Iterable[str]) -> None:
         every = [shortened(fault) for fault in faults]
-        more = len(every) - MOST_FAULTS_TOLD
-        told = [f"And {more:,} more faults of this kind."] if more > 0 else []
-        self.faults = (*every[:MOST_FAULTS_TOLD], *told)
+        more = len(every) - MOST_FAULTS_NAMED
+        rest = [f"And {more:,} more faults of this kind."] if more > 0 else []
+        self.faults = (*every[:MOST_FAULTS_NAMED], *rest)
         super().__init__(" ".join(self.faults))
 
 
-def harmless(name: str) -> str:
+def safe_name(name: str) -> str:
     """The name as a path within a study's folder. Raises UploadRefusedError."""
     fault = name_fault(name)
     if fault is not None:
@@ -87,7 +87,7 @@ def unpack(packed: IO[bytes], folder: Path, limit: int) -> list[str]:
     """
     try:
         with zipfile.ZipFile(packed) as archive:
-            entries = [entry for entry in archive.infolist() if not _is_litter(entry)]
+            entries = [entry for entry in archive.infolist() if not _is_os_metadata(entry)]
             faults = list(_faults(packed, entries, limit))
             if faults:
                 raise UploadRefusedError(faults)
@@ -107,9 +107,9 @@ def _unwritable(error: OSError) -> UploadRefusedError:
 def _extract(
     archive: zipfile.ZipFile, entries: list[zipfile.ZipInfo], folder: Path, limit: int
 ) -> list[str]:
-    around = _folder_around([entry.filename for entry in entries])
-    places = [normal(entry.filename).relative_to(around) for entry in entries]
-    faults = clashes((place.as_posix() for place in places), folder)
+    root = _common_root([entry.filename for entry in entries])
+    places = [normal(entry.filename).relative_to(root) for entry in entries]
+    faults = name_conflicts((place.as_posix() for place in places), folder)
     if faults:
         raise UploadRefusedError(faults)
     part = folder.with_name(f"{folder.name}.part")
@@ -175,7 +175,9 @@ def _faults(packed: IO[bytes], entries: list[zipfile.ZipInfo], limit: int) -> It
                 f"Expected files that pack to no less than 1/{LARGEST_RATIO} of their size,"
                 f" and {name!r} would grow to {_megabytes(entry.file_size)}."
             )
-    yield from clashes(entry.filename for entry in entries if name_fault(entry.filename) is None)
+    yield from name_conflicts(
+        entry.filename for entry in entries if name_fault(entry.filename) is None
+    )
 
 
 def _size(packed: IO[bytes]) -> int:
@@ -186,18 +188,18 @@ def _size(packed: IO[bytes]) -> int:
     return size
 
 
-def _is_litter(entry: zipfile.ZipInfo) -> bool:
+def _is_os_metadata(entry: zipfile.ZipInfo) -> bool:
     parts = PurePosixPath(entry.filename).parts
-    return entry.is_dir() or any(part in _LITTER for part in parts)
+    return entry.is_dir() or any(part in _OS_METADATA for part in parts)
 
 
-def _folder_around(names: list[str]) -> PurePosixPath:
+def _common_root(names: list[str]) -> PurePosixPath:
     """The one folder that everything is in, if everything is in one and the study is no higher."""
     paths = [normal(name) for name in names]
     first = paths[0].parts[0]
-    is_around = all(len(path.parts) > 1 and path.parts[0] == first for path in paths)
+    has_root = all(len(path.parts) > 1 and path.parts[0] == first for path in paths)
     return (
-        PurePosixPath(first) if is_around and first not in ("texts", "videos") else PurePosixPath()
+        PurePosixPath(first) if has_root and first not in ("texts", "videos") else PurePosixPath()
     )
 
 

@@ -174,8 +174,8 @@ def _versions_said(app: AppContext, study: StudyInfo) -> dict[str, object]:
             for text in texts_of(app, study)
         ],
         "who_has_access": [
-            {"account": tie.email, "as": "owner" if tie.is_owner else "shared with"}
-            for tie in sharing.ties(app, study.slug)
+            {"account": member.email, "as": "owner" if member.is_owner else "shared with"}
+            for member in sharing.members(app, study.slug)
         ],
     }
 

@@ -266,7 +266,7 @@ def _unpack(source: Path, settings: Settings) -> dict[str, Any]:
                     f" got one of {manifest['database']}"
                 )
             for name, said in manifest["files"].items():
-                target = settings.data_dir / uploads.harmless(name)
+                target = settings.data_dir / uploads.safe_name(name)
                 target.parent.mkdir(parents=True, exist_ok=True)
                 with archive.open(name) as packed, target.open("wb") as file:
                     digest, _ = _copy(packed, file)

@@ -159,7 +159,7 @@ def _sweep(
                 sessions_deleted=swept.sessions,
                 people_whose_ids_were_deleted=swept.people_without_ids,
             )
-            deletion.forget(app, seeds)
+            deletion.purge_traces(app, seeds)
 
 
 def _delete_ids(app: AppContext, db: Session, person: int) -> int:

@@ -25,7 +25,7 @@ def delete_person(
     reason: Reason = "wish",
     at: datetime | None = None,
 ) -> frozenset[int]:
-    """Delete a person with all their sessions; the seeds of their trials, for `forget`.
+    """Delete a person with all their sessions; the seeds of their trials, for `purge_traces`.
 
     at: when it was asked for, if that is not now.
     """
@@ -34,7 +34,7 @@ def delete_person(
         .where(SessionRow.participant_id == participant_id)
         .options(selectinload(SessionRow.trials))
     ).all()
-    seeds = _bury(app, db, rows, reason, at)
+    seeds = _write_tombstones(app, db, rows, reason, at)
     # Everything else hangs on the participant by foreign keys that cascade.
     db.execute(
         delete(Participant).where(Participant.id == participant_id),
@@ -60,7 +60,7 @@ def delete_session(
     )
     if others is None:
         return delete_person(app, db, session.participant_id, reason, at)
-    seeds = _bury(app, db, [session], reason, at)
+    seeds = _write_tombstones(app, db, [session], reason, at)
     db.execute(
         delete(SessionRow).where(SessionRow.id == session.id),
         execution_options={"synchronize_session": False},
@@ -68,14 +68,14 @@ def delete_session(
     return seeds
 
 
-def forget(app: AppContext, seeds: frozenset[int]) -> None:
+def purge_traces(app: AppContext, seeds: frozenset[int]) -> None:
     """Leave no trace in memory, nor in what the database still has on the disk."""
     app.proposer.purge(seeds)
     app.recordings.clear_session_cache()
     app.database.scrub()
 
 
-def _bury(
+def _write_tombstones(
     app: AppContext,
     db: Session,
     rows: Sequence[SessionRow],

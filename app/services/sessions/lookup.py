@@ -80,7 +80,7 @@ def advance(app: AppContext, session: SessionRow, event: protocol.Event) -> None
         # A response given before the text changed is taken all the same: nothing is lost.
         consents.require_none_due(session)
     plan = repository.plan_of(session)
-    session_state.place(
+    session_state.store_progress(
         session, protocol.advance(plan, session_state.read_progress(session), event)
     )
     session.last_seen_at = app.now()

@@ -87,7 +87,7 @@ def trial_spec(
 
 def find(db: Session, session: SessionRow, public_id: str) -> QueryRow:
     """The query that this session's browser knows as `public_id`, with its trial and response."""
-    query = db.scalar(_FIND, {"public_id": public_id, "session_id": session.id})
+    query = db.scalar(_BY_PUBLIC_ID, {"public_id": public_id, "session_id": session.id})
     if query is None:
         if session.stage not in ANSWERED:
             raise protocol.OutOfOrder(Stage(session.stage), "no query is open")
@@ -95,10 +95,10 @@ def find(db: Session, session: SessionRow, public_id: str) -> QueryRow:
     return query
 
 
-def standing(db: Session, session: SessionRow, trial_index: int) -> OpenQuery:
+def load_open_query(db: Session, session: SessionRow, trial_index: int) -> OpenQuery:
     """Where the trial stands that the session is in: its practice, or one of its plan."""
-    found = _STANDING.read(db, {"session_id": session.id, "trial_index": trial_index})
-    *before, last = sorted(found, key=lambda one: one[_PLACE])
+    found = _OPEN_QUERY.read(db, {"session_id": session.id, "trial_index": trial_index})
+    *before, last = sorted(found, key=lambda one: one[_LEADING_COLUMNS])
     trial_id, environment, seed, public_id, attempt, *asked = last
     return OpenQuery(
         trial_id=trial_id,
@@ -108,13 +108,13 @@ def standing(db: Session, session: SessionRow, trial_index: int) -> OpenQuery:
         public_id=public_id,
         attempt=attempt,
         asked=AskedQuery(*asked),
-        record=tuple(AskedQuery(*answered[_PLACE:]) for answered in before),
+        record=tuple(AskedQuery(*answered[_LEADING_COLUMNS:]) for answered in before),
     )
 
 
-def answered_before(db: Session, standing: OpenQuery) -> QueryRow | None:
+def previous_query(db: Session, open_query: OpenQuery) -> QueryRow | None:
     """The query just before the open one, with its response; None if there is none."""
-    place = {"trial_id": standing.trial_id, "query_index": standing.asked.query_index - 1}
+    place = {"trial_id": open_query.trial_id, "query_index": open_query.asked.query_index - 1}
     return db.scalar(_ANSWERED, place)
 
 
@@ -134,7 +134,7 @@ def read_record(db: Session, trial_id: int) -> AnsweredQueries:
 def read_attempts(db: Session, query: QueryRow) -> AnsweredQueries:
     """All that was shown at the place of this query, set aside or not, oldest first."""
     rows: Iterable[Any] = db.execute(
-        select(*_SHOWN)
+        select(*_ASKED_COLUMNS)
         .where(QueryRow.trial_id == query.trial_id, QueryRow.query_index == query.query_index)
         .order_by(QueryRow.attempt)
     )
@@ -159,12 +159,12 @@ def store_events(
             "session_id": session.id,
             "trial_index": query.trial.trial_index,
             "query_index": query.query_index,
-            "event": happening.event,
-            "side": happening.side,
-            "time_ms": happening.time_ms,
-            "value": happening.value,
+            "event": event.event,
+            "side": event.side,
+            "time_ms": event.time_ms,
+            "value": event.value,
         }
-        for happening in client_events
+        for event in client_events
     ]
     insert_rows(db, Event, seen)
 
@@ -181,7 +181,7 @@ def close_events(db: Session, session: SessionRow, query: QueryRow, why: str) ->
     store_events(db, session, query, [ClientEvent(why, None, last or 0.0, None)])
 
 
-_SHOWN: tuple[Any, ...] = (
+_ASKED_COLUMNS: tuple[Any, ...] = (
     QueryRow.query_index,
     QueryRow.trial_type,
     QueryRow.left_candidate,
@@ -194,7 +194,7 @@ _SHOWN: tuple[Any, ...] = (
 )
 
 # Made once: what is asked with every response takes as long to be put together as to be answered.
-_FIND = (
+_BY_PUBLIC_ID = (
     select(QueryRow)
     .join(Trial, QueryRow.trial_id == Trial.id)
     .where(
@@ -211,11 +211,13 @@ _ANSWERED = (
     .options(contains_eager(QueryRow.response))
 )
 #: What comes before a query as it was shown, in the rows of a trial that stands.
-_OF_TRIAL: tuple[Any, ...] = (Trial.id, Trial.environment, Trial.seed)
-_OF_QUERY: tuple[Any, ...] = (QueryRow.public_id, QueryRow.attempt)
-_PLACE = len(_OF_TRIAL) + len(_OF_QUERY)
-_STANDING = AsOneRow(
-    select(*_OF_TRIAL, *_OF_QUERY, *_SHOWN, Response.response, Response.skip_reason)
+_TRIAL_COLUMNS: tuple[Any, ...] = (Trial.id, Trial.environment, Trial.seed)
+_QUERY_COLUMNS: tuple[Any, ...] = (QueryRow.public_id, QueryRow.attempt)
+_LEADING_COLUMNS = len(_TRIAL_COLUMNS) + len(_QUERY_COLUMNS)
+_OPEN_QUERY = AsOneRow(
+    select(
+        *_TRIAL_COLUMNS, *_QUERY_COLUMNS, *_ASKED_COLUMNS, Response.response, Response.skip_reason
+    )
     .join(QueryRow, QueryRow.trial_id == Trial.id)
     .outerjoin(Response, Response.query_id == QueryRow.id)
     .where(
@@ -225,7 +227,7 @@ _STANDING = AsOneRow(
     )
 )
 _RECORD = AsOneRow(
-    select(*_SHOWN, Response.response, Response.skip_reason)
+    select(*_ASKED_COLUMNS, Response.response, Response.skip_reason)
     .join(Response, Response.query_id == QueryRow.id)
     .where(QueryRow.trial_id == bindparam("trial_id"))
 )

@@ -33,7 +33,7 @@ def describe(
     plan = stored_plan(session.plan)
     practising = session.stage == Stage.PRACTICE
     trial_index = PRACTICE_INDEX if practising else session.trial_index
-    trial = known or queries.standing(db, session, trial_index)
+    trial = known or queries.load_open_query(db, session, trial_index)
     query = trial.asked
     space = app.proposer.candidate_set(session.study_id, trial.environment)
     condition = plan.conditions[session.trial_conditions[session.trial_index]]

@@ -47,5 +47,5 @@ def answer(app: AppContext, token: str, answers: Mapping[str, object]) -> State:
             )
             for item, value in values.items()
         )
-        trial_start.arrive(app, db, session)
+        trial_start.enter_stage(app, db, session)
         return session_state.describe(app, db, session)

@@ -75,7 +75,7 @@ class FaultReport:
 
 
 @dataclass(frozen=True)
-class _Asked:
+class _ResponseContext:
     """What one read tells of the query that is answered.
 
     record: the trial's answered queries, this one included.
@@ -119,7 +119,7 @@ def respond(app: AppContext, token: str, answer: Answer) -> State:
             return session_state.describe(app, db, session, opened)
 
 
-def _read(db: Session, session: SessionRow, query: QueryRow, answer: Answer) -> _Asked:
+def _read(db: Session, session: SessionRow, query: QueryRow, answer: Answer) -> _ResponseContext:
     """Raises OutOfOrder, SkipNotOfferedError or SkipReasonError if the answer cannot be taken."""
     lookup.require_asked(session, query.query_index)
     trial = queries.trial_spec(
@@ -132,10 +132,12 @@ def _read(db: Session, session: SessionRow, query: QueryRow, answer: Answer) -> 
     _check_reason(session, query, answer)
     is_practice = query.trial.trial_index == PRACTICE_INDEX
     before = () if is_practice else queries.read_record(db, query.trial_id)
-    return _Asked(trial, (*before, _shown(query, answer.response, answer.skip_reason)), is_practice)
+    return _ResponseContext(
+        trial, (*before, _shown(query, answer.response, answer.skip_reason)), is_practice
+    )
 
 
-def _step(app: AppContext, asked: _Asked) -> NextStep:
+def _step(app: AppContext, asked: _ResponseContext) -> NextStep:
     """The precomputed step, or one computed now."""
     step = app.proposer.cached_step(asked.trial, asked.history)
     app.metrics.step_asked(ahead=step is not None)
@@ -148,7 +150,7 @@ def _store(
     session: SessionRow,
     query: QueryRow,
     answer: Answer,
-    asked: _Asked,
+    asked: _ResponseContext,
     step: NextStep | None,
 ) -> OpenQuery | None:
     """Write the response, what it taught and what follows; the open query, if the trial goes on.
@@ -169,7 +171,7 @@ def _store(
     set_committed_value(query, "response", Response(**given))
     event_limits.keep(db, session, query, answer.client_events, answer.left_out, now)
     if step is None:
-        _go_on_practising(app, db, session, query, now)
+        _continue_practice(app, db, session, query, now)
         return None
     if is_training(asked.trial, query.trial_type):
         derived_rows.store(db, query, step, training_records(asked.trial, asked.record))
@@ -179,7 +181,7 @@ def _store(
         assert coming is not None
         return _open(db, query, coming, asked.record, now)
     query.trial.ended_at = now
-    trial_start.arrive(app, db, session)
+    trial_start.enter_stage(app, db, session)
     return None
 
 
@@ -214,7 +216,7 @@ def _open(
     )
 
 
-def _go_on_practising(
+def _continue_practice(
     app: AppContext, db: Session, session: SessionRow, query: QueryRow, now: datetime
 ) -> None:
     if session.stage == Stage.PRACTICE:
@@ -222,7 +224,7 @@ def _go_on_practising(
         db.add(trial_start.query_row(coming, now, trial_id=query.trial_id))
     else:
         query.trial.ended_at = now
-        trial_start.arrive(app, db, session)
+        trial_start.enter_stage(app, db, session)
 
 
 def report_fault(app: AppContext, token: str, report: FaultReport) -> State:

@@ -99,7 +99,7 @@ def go_on(
         lookup.advance(app, session, event)
         if checked and device is not None:
             db.add_all(_measures(session, device))
-        trial_start.arrive(app, db, session)
+        trial_start.enter_stage(app, db, session)
         return session_state.describe(app, db, session)
 
 

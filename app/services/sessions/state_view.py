@@ -130,7 +130,7 @@ def read_progress(session: SessionRow) -> Progress:
     )
 
 
-def place(session: SessionRow, progress: Progress) -> None:
+def store_progress(session: SessionRow, progress: Progress) -> None:
     """Write where a session is into its row."""
     session.stage = progress.stage.value
     session.trial_index = progress.trial_index

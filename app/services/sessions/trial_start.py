@@ -19,7 +19,7 @@ from app.study.stage_settings import PRACTICE, PRACTICE_INDEX
 from . import familiarisation, queries
 
 
-def arrive(app: AppContext, db: Session, session: SessionRow) -> None:
+def enter_stage(app: AppContext, db: Session, session: SessionRow) -> None:
     """Prepare what the stage that the session has come to will show."""
     if session.stage == Stage.QUERY:
         _begin(app, db, session)

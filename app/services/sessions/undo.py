@@ -38,7 +38,7 @@ def undo(app: AppContext, token: str, query_id: str) -> State:
         now = app.now()
         offer = trial = None
         if session.stage == Stage.QUERY:
-            trial = queries.standing(db, session, session.trial_index)
+            trial = queries.load_open_query(db, session, session.trial_index)
             offer = undo_offer.find(db, session, trial, now)
         if trial is None or offer is None or offer.query.id != query.id:
             undo_s = stored_plan(session.plan).query.undo_s
@@ -50,14 +50,14 @@ def undo(app: AppContext, token: str, query_id: str) -> State:
             )
         following = queries.find(db, session, trial.public_id)
         lookup.advance(app, session, protocol.Undone(query_index=query.query_index))
-        _take_back(db, query, now)
+        _record_undone(db, query, now)
         db.delete(following)
         queries.close_events(db, session, query, "undone")
         db.flush()
         return session_state.describe(app, db, session)
 
 
-def _take_back(db: Session, query: QueryRow, now: datetime) -> None:
+def _record_undone(db: Session, query: QueryRow, now: datetime) -> None:
     assert query.response is not None
     db.add(
         UndoneResponse(

@@ -37,7 +37,7 @@ def find(db: Session, session: SessionRow, trial: OpenQuery, now: datetime) -> O
     undo_s = stored_plan(session.plan).query.undo_s
     if not undo_s or session.stage != Stage.QUERY or trial.attempt > 0:
         return None
-    before = trial.just_answered or queries.answered_before(db, trial)
+    before = trial.just_answered or queries.previous_query(db, trial)
     if before is None or before.response is None:
         return None
     ends_at = before.response.answered_at + timedelta(seconds=undo_s)

@@ -56,7 +56,7 @@ def withdraw_and_delete(app: AppContext, token: str) -> State:
         # As it was before this very request: that is how far the person came.
         session.stage = came_to
         seeds = deletion.delete_person(app, db, session.participant_id)
-    deletion.forget(app, seeds)
+    deletion.purge_traces(app, seeds)
     return state
 
 
@@ -81,7 +81,7 @@ def delete_by_receipt(app: AppContext, slug: str, receipt: str, actor: str | Non
         seeds = deletion.delete_person(app, db, row.participant_id)
         if actor is not None:
             audit_log.note(db, app.now(), actor, "participant deleted", slug, by="receipt code")
-    deletion.forget(app, seeds)
+    deletion.purge_traces(app, seeds)
 
 
 def delete_participant(app: AppContext, slug: str, pseudonym: str, actor: str) -> None:
@@ -99,4 +99,4 @@ def delete_participant(app: AppContext, slug: str, pseudonym: str, actor: str) -
             raise NotFoundError(f"expected a participant of this study, and {pseudonym!r} is none")
         seeds = deletion.delete_person(app, db, participant_id)
         audit_log.note(db, app.now(), actor, "participant deleted", slug, by="pseudonym")
-    deletion.forget(app, seeds)
+    deletion.purge_traces(app, seeds)

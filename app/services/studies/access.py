@@ -30,7 +30,7 @@ class Right(StrEnum):
     OWN = "share or delete"
 
 
-#: What each kind of tie to a study allows.
+#: What each kind of membership to a study allows.
 _ALLOWS: dict[str, frozenset[Right]] = {
     Role.ADMIN: frozenset(Right),
     Role.REVIEWER: frozenset({Right.DESIGN}),
@@ -46,7 +46,7 @@ def study_for(app: AppContext, caller: Principal, slug: str, right: Right) -> re
     """
     with app.database.read() as db:
         info = repository.read(db, slug)
-        held = _held(db, caller, info.id)
+        held = _rights_of(db, caller, info.id)
     if not held:
         raise NotFoundError(f"there is no study named {slug!r}")
     if right not in held:
@@ -79,12 +79,12 @@ def may(app: AppContext, caller: Principal, slug: str, right: Right) -> bool:
 def rights(app: AppContext, caller: Principal, slug: str) -> frozenset[Right]:
     """All that the caller may do with this study: for pages that show only what can be done."""
     with app.database.read() as db:
-        return _held(db, caller, repository.read(db, slug).id)
+        return _rights_of(db, caller, repository.read(db, slug).id)
 
 
 def may_change(db: Session, caller: Principal, study_id: int) -> bool:
     """Whether the caller may change this study: for use cases within their own transaction."""
-    return Right.CHANGE in _held(db, caller, study_id)
+    return Right.CHANGE in _rights_of(db, caller, study_id)
 
 
 def may_make_studies(caller: Principal) -> bool:
@@ -92,16 +92,16 @@ def may_make_studies(caller: Principal) -> bool:
     return caller.role is not Role.REVIEWER and caller.scope is Scope.WRITE
 
 
-def _held(db: Session, caller: Principal, study_id: int) -> frozenset[Right]:
+def _rights_of(db: Session, caller: Principal, study_id: int) -> frozenset[Right]:
     by_role = _ALLOWS.get(caller.role, frozenset())
-    tie = db.scalar(
+    membership = db.scalar(
         select(StudyAccess.access).where(
             StudyAccess.study_id == study_id, StudyAccess.account_id == caller.account_id
         )
     )
-    if tie is None or caller.role is Role.REVIEWER:
+    if membership is None or caller.role is Role.REVIEWER:
         return by_role
-    return by_role | _ALLOWS[tie]
+    return by_role | _ALLOWS[membership]
 
 
 def _check_scope(caller: Principal, right: Right) -> None:

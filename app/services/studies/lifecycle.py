@@ -21,7 +21,7 @@ from .repository import StudyInfo
 def pause(app: AppContext, slug: str, actor: str = audit_log.COMMAND_LINE) -> StudyInfo:
     """Let nobody in for a while; whoever is in it goes on. Raises ConflictError."""
     with app.database.write() as db:
-        study = _open(db, slug)
+        study = _lock_open_study(db, slug)
         if study.paused_at is None:
             study.paused_at = app.now()
             audit_log.note(db, study.paused_at, actor, "study paused", slug)
@@ -31,7 +31,7 @@ def pause(app: AppContext, slug: str, actor: str = audit_log.COMMAND_LINE) -> St
 def resume(app: AppContext, slug: str, actor: str = audit_log.COMMAND_LINE) -> StudyInfo:
     """Let people in again. Raises ConflictError unless the study is open."""
     with app.database.write() as db:
-        study = _open(db, slug)
+        study = _lock_open_study(db, slug)
         if study.paused_at is not None:
             study.paused_at = None
             audit_log.note(db, app.now(), actor, "study resumed", slug)
@@ -53,7 +53,7 @@ def switch_conditions(
     would come to differ in length.
     """
     with app.database.write() as db:
-        study = repository.to_change(db, slug)
+        study = repository.lock_study(db, slug)
         plan = repository.read(db, slug).plan
         names = [condition.name for condition in plan.conditions]
         unknown = [name for name in on if name not in names]
@@ -90,13 +90,13 @@ def delete(
     """
     app.recordings.require_reachable()
     with app.database.write() as db:
-        study = repository.to_change(db, slug)
+        study = repository.lock_study(db, slug)
         if study.status == repository.OPEN:
             raise ConflictError(f"expected a draft or a closed study, and {slug!r} is open")
         if study.status == repository.CLOSED and typed != slug:
             raise ConflictError(f"expected {slug!r} typed to delete it, got {typed!r}")
         status, digest = study.status, study.plans[-1].plan_hash
-        seeds, files, number = _held(db, study.id)
+        seeds, files, number = _contents(db, study.id)
         # With its people: a draft has none, and is made and thrown away at will.
         if status == repository.CLOSED:
             key = deletion_log.study_key(slug, study.created_at)
@@ -114,20 +114,20 @@ def delete(
             sessions=number,
         )
         db.flush()
-        left = orphaned_videos.in_no_study(app, db, files)
+        left = orphaned_videos.unreferenced(app, db, files)
     app.proposer.purge(seeds)
     app.recordings.delete(left)
     app.database.scrub()
 
 
-def _open(db: Session, slug: str) -> Study:
-    study = repository.to_change(db, slug)
+def _lock_open_study(db: Session, slug: str) -> Study:
+    study = repository.lock_study(db, slug)
     if study.status != repository.OPEN:
         raise ConflictError(f"expected an open study, and {slug!r} is {study.status}")
     return study
 
 
-def _held(db: Session, study_id: int) -> tuple[frozenset[int], set[str], int]:
+def _contents(db: Session, study_id: int) -> tuple[frozenset[int], set[str], int]:
     """The seeds of a study's trials, the files of its own videos, and how many sessions it has."""
     seeds = db.scalars(
         select(Trial.seed)

@@ -24,14 +24,14 @@ from app.storage.models.studies import Candidate, Recording
 
 _FOLDER = "left-videos"
 #: Endings of notes: of a study that is being put together, and of what may be in none.
-_UNDER_WAY, _LEFT = ".under-way", ".left"
+_IN_USE, _ORPHANED = ".under-way", ".left"
 
 #: No study takes so long to be stored.
 _STORED_WITHIN = timedelta(days=1)
 
 
 @contextmanager
-def until_stored(app: AppContext, names: Collection[str]) -> Iterator[None]:
+def mark_in_use(app: AppContext, names: Collection[str]) -> Iterator[None]:
     """Within this a study with these videos is put together, and nobody throws them away.
 
     Left by an exception, it leaves them to `sweep`. Raises StoreAwayError if they cannot be noted.
@@ -39,20 +39,20 @@ def until_stored(app: AppContext, names: Collection[str]) -> Iterator[None]:
     if not names:
         yield
         return
-    path = _note(app, names, _UNDER_WAY)
+    path = _note(app, names, _IN_USE)
     try:
         yield
     except BaseException:
         with suppress(OSError):
-            path.rename(path.with_suffix(_LEFT))
+            path.rename(path.with_suffix(_ORPHANED))
         raise
     path.unlink(missing_ok=True)
 
 
-def leave(app: AppContext, names: Collection[str]) -> None:
+def mark_orphaned(app: AppContext, names: Collection[str]) -> None:
     """Have `sweep` look, in a day, whether any study still has these. Raises StoreAwayError."""
     if names:
-        _note(app, names, _LEFT)
+        _note(app, names, _ORPHANED)
 
 
 def of_study(db: Session, study_id: int) -> set[str]:
@@ -66,14 +66,14 @@ def of_study(db: Session, study_id: int) -> set[str]:
     )
 
 
-def in_no_study(app: AppContext, db: Session, names: Collection[str]) -> set[str]:
+def unreferenced(app: AppContext, db: Session, names: Collection[str]) -> set[str]:
     """Those that no study has, nor one that is being put together."""
     # First: who is done meanwhile is in the database.
-    under_way = [
-        _noted(path) for path in _notes(app) if path.suffix == _UNDER_WAY and not _is_old(app, path)
+    in_use = [
+        _noted(path) for path in _notes(app) if path.suffix == _IN_USE and not _is_old(app, path)
     ]
     kept = db.scalars(select(Recording.locator).where(Recording.locator.in_(names)))
-    return set(names).difference(kept, *under_way)
+    return set(names).difference(kept, *in_use)
 
 
 def sweep(app: AppContext, stop: Callable[[], bool] = lambda: False) -> int:
@@ -88,7 +88,7 @@ def sweep(app: AppContext, stop: Callable[[], bool] = lambda: False) -> int:
         if not _is_old(app, path):
             continue
         with app.database.read() as db:
-            left = in_no_study(app, db, _noted(path))
+            left = unreferenced(app, db, _noted(path))
         app.recordings.delete(left)
         path.unlink(missing_ok=True)
         gone += len(left)

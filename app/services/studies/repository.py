@@ -99,7 +99,7 @@ def create(
     may_replace: Callable[[Session, int], bool] = lambda _session, _study_id: True,
     proof: slugs.Proof = slugs.NONE,
 ) -> StudyInfo:
-    """Store a study as a draft, in the place of an earlier draft if that is the same study.
+    """Store a study as a draft, in the rows of an earlier draft if that is the same study.
 
     It is if it was made of the same folder, or if `proof` shows it.
 
@@ -118,7 +118,7 @@ def create(
     with metadata_removal.videos(app.settings, folder) as made:
         videos = {video.name: video for video in made.values()}
         locators = {sha256: video.name for sha256, video in made.items()}
-        with orphaned_videos.until_stored(app, videos.keys()):
+        with orphaned_videos.mark_in_use(app, videos.keys()):
             # Videos first, under their content's names: one that nothing points to does no harm.
             app.recordings.keep_files(videos)
             return _stored(app, folder, locators, owner_id, actor, may_replace, proof)
@@ -134,12 +134,12 @@ def _stored(
     proof: slugs.Proof,
 ) -> StudyInfo:
     plan = folder.plan
-    places = list(_candidates(folder, locators))
+    candidates = list(_candidates(folder, locators))
     digest = plan_hash(plan, folder.texts, folder.recordings)
-    made_of = slugs.mark_of(folder.root)
+    made_of = slugs.folder_hash(folder.root)
     with app.database.write() as db:
         earlier = db.scalar(select(Study).where(Study.slug == plan.slug).with_for_update())
-        ties = {} if owner_id is None else {owner_id: OWNER}
+        members = {} if owner_id is None else {owner_id: OWNER}
         if earlier is not None:
             if not may_replace(db, earlier.id):
                 raise SlugTakenError(f"expected another slug: {plan.slug!r} is taken")
@@ -147,10 +147,10 @@ def _stored(
                 if earlier.plans[-1].plan_hash == digest:
                     return _info(earlier, earlier.plans[-1])
                 slugs.require_same(db, earlier, made_of, proof)
-            ties = _ties(db, earlier.id) or ties
+            members = _members(db, earlier.id) or members
             had = orphaned_videos.of_study(db, earlier.id)
             _delete_draft(db, earlier)
-            orphaned_videos.leave(app, had)
+            orphaned_videos.mark_orphaned(app, had)
         now = app.now()
         study = Study(slug=plan.slug, status=DRAFT, created_at=now)
         version = PlanVersion(
@@ -163,21 +163,21 @@ def _stored(
         )
         db.add_all([study, version])
         db.flush()
-        _store(db, study.id, places)
+        _store(db, study.id, candidates)
         db.add_all(
-            StudyAccess(study_id=study.id, account_id=account_id, access=tie, created_at=now)
-            for account_id, tie in ties.items()
+            StudyAccess(study_id=study.id, account_id=account_id, access=access, created_at=now)
+            for account_id, access in members.items()
         )
         db.flush()
-        told = {"plan_hash": digest, slugs.FOLDER: made_of}
-        audit_log.note(db, now, actor, slugs.CREATED, study.slug, **told)
+        details = {"plan_hash": digest, slugs.FOLDER: made_of}
+        audit_log.note(db, now, actor, slugs.CREATED, study.slug, **details)
         return _info(study, version)
 
 
-def _ties(db: Session, study_id: int) -> dict[int, str]:
+def _members(db: Session, study_id: int) -> dict[int, str]:
     """Whose a study is and whom it is shared with, by account."""
-    ties = db.scalars(select(StudyAccess).where(StudyAccess.study_id == study_id))
-    return {tie.account_id: tie.access for tie in ties}
+    members = db.scalars(select(StudyAccess).where(StudyAccess.study_id == study_id))
+    return {access.account_id: access.access for access in members}
 
 
 def find(app: AppContext, slug: str) -> StudyInfo:
@@ -210,7 +210,7 @@ def close_study(app: AppContext, slug: str, actor: str = audit_log.COMMAND_LINE)
     return _set_status(app, slug, CLOSED, actor)
 
 
-def to_change(db: Session, slug: str) -> Study:
+def lock_study(db: Session, slug: str) -> Study:
     """The study's row, held for this transaction. Raises NotFoundError."""
     study = db.scalar(select(Study).where(Study.slug == slug).with_for_update())
     if study is None:
@@ -249,7 +249,7 @@ def recording_count(app: AppContext, study_id: int) -> int:
 
 def _set_status(app: AppContext, slug: str, status: str, actor: str) -> StudyInfo:
     with app.database.write() as db:
-        study = to_change(db, slug)
+        study = lock_study(db, slug)
         if study.status == DRAFT and status == CLOSED:
             raise ConflictError(f"expected an open study to close, and {slug!r} is a draft")
         if study.status != status:
@@ -318,29 +318,31 @@ def _info(study: Study, version: PlanVersion) -> StudyInfo:
 
 
 @dataclass(frozen=True)
-class _Place:
+class _CandidateRows:
     """A candidate and its recordings, as the columns of their rows: there may be thousands."""
 
     candidate: Mapping[str, Any]
     recordings: list[dict[str, Any]]
 
 
-def _store(db: Session, study_id: int, places: Sequence[_Place]) -> None:
+def _store(db: Session, study_id: int, candidates: Sequence[_CandidateRows]) -> None:
     ids = db.scalars(
         insert(Candidate).returning(Candidate.id, sort_by_parameter_order=True),
-        [{"study_id": study_id, **place.candidate} for place in places],
+        [{"study_id": study_id, **rows.candidate} for rows in candidates],
     )
     db.execute(
         insert(Recording),
         [
             {"candidate_id": candidate_id, "public_id": new_public_id(), **recording}
-            for candidate_id, place in zip(ids, places, strict=True)
-            for recording in place.recordings
+            for candidate_id, rows in zip(ids, candidates, strict=True)
+            for recording in rows.recordings
         ],
     )
 
 
-def _candidates(folder: study_folder.StudyFolder, locators: Mapping[str, str]) -> Iterator[_Place]:
+def _candidates(
+    folder: study_folder.StudyFolder, locators: Mapping[str, str]
+) -> Iterator[_CandidateRows]:
     for name, environment in folder.plan.environments.items():
         if environment.source == recordings.CRANE:
             yield from _crane_candidates(name)
@@ -348,10 +350,10 @@ def _candidates(folder: study_folder.StudyFolder, locators: Mapping[str, str]) -
             yield from _file_candidates(folder, locators, name)
 
 
-def _crane_candidates(environment: str) -> Iterator[_Place]:
+def _crane_candidates(environment: str) -> Iterator[_CandidateRows]:
     scores = library.scores(environment)  # (231, 5)
     for index, values in enumerate(crane_environments.candidates()):
-        yield _Place(
+        yield _CandidateRows(
             {
                 "environment": environment,
                 "candidate_index": index,
@@ -373,15 +375,15 @@ def _crane_candidates(environment: str) -> Iterator[_Place]:
 
 def _file_candidates(
     folder: study_folder.StudyFolder, locators: Mapping[str, str], environment: str
-) -> Iterator[_Place]:
+) -> Iterator[_CandidateRows]:
     names = [parameter.name for parameter in folder.plan.parameters]
-    found: dict[tuple[float, ...], _Place] = {}
+    found: dict[tuple[float, ...], _CandidateRows] = {}
     for row in folder.recordings:
         if row.environment != environment:
             continue
-        place = found.get(row.candidate)
-        if place is None:
-            place = found[row.candidate] = _Place(
+        rows = found.get(row.candidate)
+        if rows is None:
+            rows = found[row.candidate] = _CandidateRows(
                 {
                     "environment": environment,
                     "candidate_index": len(found),
@@ -389,9 +391,9 @@ def _file_candidates(
                 },
                 [],
             )
-        place.recordings.append(
+        rows.recordings.append(
             {
-                "run_index": len(place.recordings),
+                "run_index": len(rows.recordings),
                 "source": recordings.FILE,
                 "locator": locators[row.sha256],
                 "file": row.file,

@@ -45,7 +45,7 @@ def revise(app: AppContext, folder: StudyFolder, actor: str = audit_log.COMMAND_
     slug = folder.plan.slug
     with app.database.write() as db:
         # Held: two at once make one version after the other.
-        repository.to_change(db, slug)
+        repository.lock_study(db, slug)
         before = repository.read(db, slug)
         _require_the_same(db, before, folder)
         texts = {language: dict(named) for language, named in folder.texts.items()}
@@ -68,7 +68,7 @@ def revise_texts(
     is missing or not filled in.
     """
     with app.database.write() as db:
-        repository.to_change(db, slug)
+        repository.lock_study(db, slug)
         before = repository.read(db, slug)
         given = {
             language: {

@@ -17,7 +17,7 @@ from . import repository
 
 
 @dataclass(frozen=True)
-class Tie:
+class Member:
     """An account that has to do with a study: its owner, or somebody it is shared with."""
 
     account_id: int
@@ -27,7 +27,7 @@ class Tie:
     since: datetime
 
 
-def ties(app: AppContext, slug: str) -> list[Tie]:
+def members(app: AppContext, slug: str) -> list[Member]:
     """The owner first, then the others by address."""
     with app.database.read() as db:
         study = repository.read(db, slug)
@@ -37,16 +37,16 @@ def ties(app: AppContext, slug: str) -> list[Tie]:
             .where(StudyAccess.study_id == study.id)
         ).all()
     found = [
-        Tie(
+        Member(
             account.id,
             account.email,
-            tie.access == repository.OWNER,
+            membership.access == repository.OWNER,
             account.disabled_at is not None,
-            tie.created_at,
+            membership.created_at,
         )
-        for tie, account in rows
+        for membership, account in rows
     ]
-    return sorted(found, key=lambda tie: (not tie.is_owner, tie.email))
+    return sorted(found, key=lambda membership: (not membership.is_owner, membership.email))
 
 
 def share(app: AppContext, slug: str, email: str, actor: str) -> None:
@@ -56,13 +56,13 @@ def share(app: AppContext, slug: str, email: str, actor: str) -> None:
     """
     with app.database.write() as db:
         # Held: of two at once the second sees what the first has done.
-        study = repository.to_change(db, slug)
+        study = repository.lock_study(db, slug)
         account = accounts.require(db, email)
         if account.role == Role.REVIEWER:
             raise ConflictError(
                 f"expected an experimenter: {account.email} is a reviewer, and reads every design"
             )
-        if db.scalar(_tie_of(study.id, account.id)) is not None:
+        if db.scalar(_membership(study.id, account.id)) is not None:
             return
         db.add(
             StudyAccess(
@@ -79,15 +79,15 @@ def stop_sharing(app: AppContext, slug: str, account_id: int, actor: str) -> Non
     """Take a study back from somebody it is shared with. Raises NotFoundError."""
     with app.database.write() as db:
         study = repository.read(db, slug)
-        tie = db.scalar(_tie_of(study.id, account_id))
-        if tie is None or tie.access != repository.SHARED:
+        membership = db.scalar(_membership(study.id, account_id))
+        if membership is None or membership.access != repository.SHARED:
             raise NotFoundError("expected somebody whom the study is shared with")
         account = db.get_one(Account, account_id)
-        db.delete(tie)
+        db.delete(membership)
         audit_log.note(db, app.now(), actor, "sharing ended", slug, account=account.email)
 
 
-def _tie_of(study_id: int, account_id: int) -> Select[StudyAccess]:
+def _membership(study_id: int, account_id: int) -> Select[StudyAccess]:
     return select(StudyAccess).where(
         StudyAccess.study_id == study_id, StudyAccess.account_id == account_id
     )

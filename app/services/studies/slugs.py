@@ -45,7 +45,7 @@ class Proof:
 NONE = Proof()
 
 
-def mark_of(folder: Path) -> str:
+def folder_hash(folder: Path) -> str:
     """A folder on this machine, so that it can be recognised and its path is not told."""
     return hashlib.sha256(str(folder.resolve()).encode(errors="surrogateescape")).hexdigest()[:32]
 
@@ -53,7 +53,7 @@ def mark_of(folder: Path) -> str:
 def require_same(db: Session, earlier: Study, folder: str, proof: Proof = NONE) -> None:
     """Raises SlugTakenError unless this draft is shown to be the same study.
 
-    folder: the mark of the folder that the new one is made of (`mark_of`).
+    folder: the mark of the folder that the new one is made of (`folder_hash`).
     """
     if proof.is_asked or (proof.origin is not None and proof.origin == earlier.id):
         return

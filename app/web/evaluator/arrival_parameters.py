@@ -81,7 +81,7 @@ def holder(request: Request, slug: str, app: AppContext) -> Holder:
 
 
 def _is_single_use(app: AppContext, slug: str) -> bool:
-    return entry_links.wanted(repository.find(app, slug).plan)
+    return entry_links.required(repository.find(app, slug).plan)
 
 
 def note_unfilled(app: AppContext, slug: str, given: Given) -> None:

@@ -103,7 +103,7 @@ def consent(
             kept = successor if is_known(app, successor) else token
             session_cookies.keep_session(response, app, slug, kept)
             return response
-    entered = admission.begun(app, slug, arrival, browser) or _enter(
+    entered = admission.token_of_started_session(app, slug, arrival, browser) or _enter(
         request, slug, app, version, arrival, after=token
     )
     if isinstance(entered, Response):
@@ -137,10 +137,10 @@ def _enter(
     is_signed = arrival_parameters.require_signed(request, slug, app)
     language = _language(request, slug, app)
     try:
-        entrance = admission.entrance(
+        landing = admission.landing_page(
             app, slug, language, entry=entry, ids=ids, mode=session_paths.mode_of(request)
         )
-        if version != entrance.consent["version"]:
+        if version != landing.consent["version"]:
             return to_stage(slug, request.url.query)
         if after is None:
             re_entry.require_unknown(app, slug, ids)
@@ -151,7 +151,7 @@ def _enter(
             app,
             slug,
             external_ids=ids,
-            language=entrance.language,
+            language=landing.language,
             mode=session_paths.mode_of(request),
             by_experimenter=session_paths.mode_of(request) == session_modes.PREVIEW,
             entry=entry,
@@ -220,7 +220,7 @@ def _arrival(
         return session_cookies.show_that_kept(request, app, response)
     except SessionTooOldError as error:
         return _left(request, slug, app, error)
-    return _entrance(request, slug, app, past_welcome=past_welcome)
+    return _landing_page(request, slug, app, past_welcome=past_welcome)
 
 
 def _gone(request: Request, slug: str, app: AppContext, error: SessionExpiredError) -> Response:
@@ -233,7 +233,7 @@ def _gone(request: Request, slug: str, app: AppContext, error: SessionExpiredErr
 def _left(request: Request, slug: str, app: AppContext, error: SessionTooOldError) -> Response:
     """Back after too long: what the study's resume policy has for them."""
     if error.policy == "restart":
-        return _entrance(request, slug, app)
+        return _landing_page(request, slug, app)
     plan = repository.find(app, slug).plan
     response = render(
         request,
@@ -265,7 +265,7 @@ def _language(request: Request, slug: str, app: AppContext) -> str:
     return languages.of_reader(request, repository.find(app, slug).plan.languages)
 
 
-def _entrance(
+def _landing_page(
     request: Request, slug: str, app: AppContext, *, past_welcome: bool = False
 ) -> Response:
     """A newcomer's first page: the welcome if the study has one, and then the consent."""
@@ -273,7 +273,7 @@ def _entrance(
     entry = arrival_parameters.entry(request)
     ids = arrival_parameters.given(request, slug, app).ids
     try:
-        entrance = admission.entrance(
+        landing = admission.landing_page(
             app, slug, language, entry=entry, ids=ids, mode=session_paths.mode_of(request)
         )
     except EntryLinkError as error:
@@ -304,23 +304,23 @@ def _entrance(
             is_paused=isinstance(error, StudyPausedError),
         )
     state: State = {
-        "stage": "consent" if past_welcome or entrance.welcome is None else "welcome",
+        "stage": "consent" if past_welcome or landing.welcome is None else "welcome",
         "progress": {
             "trial": 0,
-            "trials": entrance.trials,
+            "trials": landing.trials,
             "query": 0,
-            "queries": entrance.queries,
+            "queries": landing.queries,
         },
-        "study": entrance.study,
-        "language": entrance.language,
-        "consent": dict(entrance.consent),
-        "welcome": {"html": entrance.welcome or ""},
+        "study": landing.study,
+        "language": landing.language,
+        "consent": dict(landing.consent),
+        "welcome": {"html": landing.welcome or ""},
     }
     page = stage_page(
         request,
         slug,
         state,
-        languages=languages.links(request, entrance.languages, entrance.language),
+        languages=languages.links(request, landing.languages, landing.language),
         # The form sent twice before the browser has its cookie begins one session all the same.
         arrival=new_secret(),
     )

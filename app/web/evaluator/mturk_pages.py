@@ -37,15 +37,15 @@ def outside_the_study(request: Request, slug: str, app: AppContext) -> Response 
     is_preview = is_mturk_preview(recruitment, given)
     if recruitment.platform != "mturk" or not (is_preview or in_frame):
         return None
-    entrance = admission.entrance(app, slug, languages.of_reader(request, plan.languages))
+    landing = admission.landing_page(app, slug, languages.of_reader(request, plan.languages))
     response = render(
         request,
         slug,
         "participant/mturk.html",
-        entrance.title,
-        study_title=entrance.title,
-        language=entrance.language,
-        html=entrance.consent["html"],
+        landing.title,
+        study_title=landing.title,
+        language=landing.language,
+        html=landing.consent["html"],
         is_preview=is_preview,
         # A browser that does not say where it shows a page says by this that it is in no frame.
         query_string=f"?{request.url.query}" + ("" if where else f"&{OPENED}=window"),

@@ -44,7 +44,9 @@ def come_back(
         if receipt:
             token = _by_receipt(app, slug, receipt)
         else:
-            token = re_entry.come_back(app, slug, arrival_parameters.given(request, slug, app).ids)
+            token = re_entry.resume_by_ids(
+                app, slug, arrival_parameters.given(request, slug, app).ids
+            )
     except _NotAReceiptError as error:
         return refusal_pages.unknown_browser(request, slug, app, error, is_wrong=True)
     except (AlreadyTakenPartError, KnownPersonError) as error:
@@ -63,7 +65,7 @@ class _NotAReceiptError(KnownPersonError):
 
 def _by_receipt(app: AppContext, slug: str, receipt: str) -> str:
     try:
-        return re_entry.come_back_by_receipt(app, slug, receipt)
+        return re_entry.resume_by_receipt(app, slug, receipt)
     except NotFoundError as error:
         raise _NotAReceiptError(str(error), may_resume=False) from error
 

@@ -79,7 +79,7 @@ def enable(request: Request, app: AppDep, caller: Admin, email: Email) -> Respon
 
 @router.post("/invitations/{invitation_id}/take-back", dependencies=[OwnForm])
 def take_back(invitation_id: int, app: AppDep, caller: Admin) -> Response:
-    invitations.take_back(app, invitation_id, caller.email)
+    invitations.revoke(app, invitation_id, caller.email)
     return _back()
 
 

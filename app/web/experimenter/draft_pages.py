@@ -48,7 +48,7 @@ async def begin(request: Request, app: AppDep, caller: SignedIn) -> Response:
         await drain(request)
         raise _no_maker(caller)
     try:
-        await run_in_threadpool(drafts.require_place, app, caller, _coming(request))
+        await run_in_threadpool(drafts.require_room, app, caller, _coming(request))
     except NoRoomError as error:
         await drain(request)
         return await run_in_threadpool(_new, request, app, caller, [f"{error}."])

@@ -37,7 +37,7 @@ def ethics(study: DesignOf, request: Request, app: AppDep, caller: SignedIn) -> 
         keeps_identifiers=bool(study.plan.recruitment.parameters),
         told=sentences(app, study.plan, SOURCE_LANGUAGE),
         expires_days=study.plan.session_expires_after_days,
-        ties=sharing.ties(app, study.slug),
+        ties=sharing.members(app, study.slug),
         languages=study.plan.languages,
         has_browser=screenshots.browser(app.settings) is not None,
         made=bundle.made(app, study),

@@ -56,7 +56,7 @@ def overview(
         more={
             "participant_url": f"{base_url(request)}/s/{study.slug}",
             "links": (
-                entry_links.counts(app, study.id) if entry_links.wanted(study.plan) else None
+                entry_links.counts(app, study.id) if entry_links.required(study.plan) else None
             ),
         },
         tables=[

@@ -121,7 +121,7 @@ def _page(
         study,
         "people",
         status_code=status,
-        ties=sharing.ties(app, study.slug),
+        ties=sharing.members(app, study.slug),
         persons=participants.newest(app, study.id, SHOWN),
         persons_in_all=participants.count(app, study.id),
         was_deleted=was_deleted,

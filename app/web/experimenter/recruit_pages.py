@@ -122,7 +122,9 @@ def _recruit(
         most_links=MOST_LINKS,
         platform=recruitment.label,
         links=_links(recruitment, address),
-        single_use=(entry_links.counts(app, study.id) if entry_links.wanted(study.plan) else None),
+        single_use=(
+            entry_links.counts(app, study.id) if entry_links.required(study.plan) else None
+        ),
         ways_back=list(_ways_back(recruitment)),
         taken=taken,
         wanted=study.plan.places,

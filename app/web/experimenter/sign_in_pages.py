@@ -86,8 +86,8 @@ def _threads(*, is_known: bool) -> CapacityLimiter:
     try:
         return _THREADS.get()[is_known]
     except LookupError:
-        others = CapacityLimiter(password_hash_limit.WAITING + 16)
-        known = CapacityLimiter(password_hash_limit.KNOWN_WAITING + 16)
+        others = CapacityLimiter(password_hash_limit.MAX_WAITING + 16)
+        known = CapacityLimiter(password_hash_limit.MAX_WAITING_KNOWN + 16)
         _THREADS.set((others, known))
         return _THREADS.get()[is_known]
 

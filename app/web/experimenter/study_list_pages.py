@@ -38,5 +38,5 @@ def all_studies(request: Request, app: AppDep, caller: SignedIn) -> Response:
         "Studies",
         studies=lines,
         may_make=access.may_make_studies(caller),
-        drafts=drafts.mine(app, caller),
+        drafts=drafts.list_drafts(app, caller),
     )

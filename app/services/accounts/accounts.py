@@ -48,8 +48,8 @@ class Role(StrEnum):
 
 
 class Scope(StrEnum):
-    """What an API token permits: reading and exporting, platform ids as well, or all that its
-    account may.
+    """What an API token permits: reading and exporting, platform ids, or all that its account
+    may.
     """
 
     READ = "read"
@@ -59,8 +59,7 @@ class Scope(StrEnum):
 
 @dataclass(frozen=True)
 class Principal:
-    """An authenticated caller: the account, and the sign-in or API token that it authenticated
-    with.
+    """An authenticated caller: the account, with the sign-in or API token that was used.
 
     sign_in_id: the sign-in that was used; None for an API token. It does not count in comparisons.
     """

@@ -98,9 +98,7 @@ def change_role(app: AppContext, email: str, role: Role, actor: str) -> None:
 
 
 def _require_another_admin(db: Session, account: Account) -> None:
-    """Raise ConflictError if this is the only admin, without whom no account could be given a
-    role.
-    """
+    """Raise ConflictError if this is the only admin, since admins alone can assign roles."""
     # Locked: two admins demoting each other at the same time would leave none.
     admins = db.scalars(
         select(Account)

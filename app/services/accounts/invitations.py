@@ -78,8 +78,7 @@ def find(app: AppContext, token: str) -> Invited:
 
 
 def accept(app: AppContext, token: str, password: str) -> str:
-    """Set the password for a link's recipient, create the account if it is new, and return its
-    address.
+    """Set the password of a link's recipient, creating a new account first; return the address.
 
     Raises InvitationError if the link cannot be used or was just used; ConflictError if the
     password is too short; TooManyPasswordsError.

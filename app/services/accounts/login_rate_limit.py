@@ -43,9 +43,7 @@ ANYWHERE = CameFrom()
 
 @dataclass(frozen=True)
 class _Wait:
-    """The delay after `free` attempts: `first`, doubled by each further attempt, at most
-    `longest`.
-    """
+    """The delay after `free` attempts: `first`, doubled with each further one up to `longest`."""
 
     free: int
     first: timedelta

@@ -112,8 +112,7 @@ def landing_page(
 
 
 def token_of_started_session(app: AppContext, slug: str, arrival: str, browser: str) -> str | None:
-    """The token of the session that this consent form has started, or None if it has started
-    none.
+    """The token of the session that this consent form has started; None if it has not.
 
     arrival, browser: as for `start`.
     """
@@ -250,9 +249,7 @@ def _session_of(app: AppContext, db: Session, token: str) -> SessionRow | None:
 def _restartable_session(
     app: AppContext, db: Session, study: repository.StudyInfo, token: str
 ) -> SessionRow | None:
-    """The session of `token` if it is too old to resume and its study allows a restart, else
-    None.
-    """
+    """The session of `token` if it is too old to resume and its study allows a restart."""
     session = _session_of(app, db, token)
     if session is None:
         return None

@@ -170,8 +170,7 @@ def refuse_if_blocked(db: Session, plan: Plan, earlier: SessionRow, *, is_proven
 def issue_token(
     app: AppContext, db: Session, session: SessionRow, token: str, *, is_full: bool
 ) -> None:
-    """Store a token with which another browser may enter the session, in place of an earlier
-    such one.
+    """Store a token with which another browser may enter the session; it replaces an earlier one.
 
     The browser that started the session and its receipt code stay valid. is_full: whether the new
     browser has all rights and a receipt code of its own; one that was let in by platform ids can

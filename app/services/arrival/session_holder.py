@@ -46,8 +46,9 @@ class Holder(StrEnum):
 
 
 def holder(app: AppContext, slug: str, token: str | None, ids: Mapping[str, str]) -> Holder:
-    """Compare the person of a request, with this token in its cookie and these ids, to the
-    session.
+    """Compare the person of a request to the session of its cookie.
+
+    token: from the cookie. ids: the platform ids of the link.
     """
     if token is None:
         return Holder.NOBODY

@@ -37,8 +37,7 @@ _EARLY = tuple(
 def require(
     db: Session, study: StudyInfo, limit: int, now: datetime, *, mode: str, is_named: bool
 ) -> None:
-    """Raise TooManyBegunError if `limit` sessions without a response were started within the
-    hour.
+    """Raise TooManyBegunError if `limit` sessions without a response started within the hour.
 
     mode: each mode is counted separately, so that previews do not use up the allowance of live
     sessions. is_named: whether the request carries a platform id, which doubles the limit; the id

@@ -80,14 +80,14 @@ def path(app: AppContext, db: Session, trial: Trial) -> Result:
 
 def posterior(app: AppContext, db: Session, trial: Trial) -> Result:
     """Posterior mean and deviation over the candidates after all answers so far."""
-    in_hand = queries.trial_spec(
+    spec = queries.trial_spec(
         trial.session, trial.trial_index, trial.seed, trial.queries[0].engine_version
     )
-    space = app.proposer.candidate_set(in_hand.study_id, in_hand.environment)
+    space = app.proposer.candidate_set(spec.study_id, spec.environment)
     record = queries.read_record(db, trial.id)
-    history = training_history(in_hand, record)
+    history = training_history(spec, record)
     belief = app.proposer.posteriors.posterior(
-        space.candidates, in_hand.method, in_hand.settings, in_hand.seed, history
+        space.candidates, spec.method, spec.settings, spec.seed, history
     )
     if belief is None:
         return Result((), f"There is no model to show: {trial.method}, {len(history)} answers.")

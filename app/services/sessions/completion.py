@@ -1,7 +1,6 @@
-"""What people take away at the end of a session: a platform's code, and the way back to it.
+"""The end of a session: the platform's completion code and the return link.
 
-A code is shown only once everything is stored: whoever reads a session's state sees what was
-committed.
+A code is shown only after everything is committed, since the state is read from the database.
 """
 
 from __future__ import annotations
@@ -22,7 +21,7 @@ from app.study.plan import Plan
 from app.study.protocol import Stage
 from app.study.recruitment import Outcome
 
-#: What each way of ending means to a platform.
+#: The outcome that each final stage has for a platform.
 OUTCOMES: Mapping[Stage, Outcome] = {
     Stage.COMPLETED: "completed",
     Stage.SCREENED_OUT: "screened_out",
@@ -32,12 +31,12 @@ OUTCOMES: Mapping[Stage, Outcome] = {
 
 
 def in_link(app: AppContext, slug: str, came: Iterable[tuple[str, str]]) -> Given:
-    """What may be kept of a link's parameters. Raises NotFoundError or IdsRefusedError."""
+    """The ids to be stored, out of a link's parameters. Raises NotFoundError or IdsRefusedError."""
     return read(repository.find(app, slug).plan, came)
 
 
 def read(plan: Plan, came: Iterable[tuple[str, str]]) -> Given:
-    """What may be kept of the parameters that came. Raises IdsRefusedError."""
+    """The ids to be stored, out of the parameters that came. Raises IdsRefusedError."""
     try:
         return rules.read(plan.recruitment, came)
     except UnreadableIdError as error:
@@ -45,12 +44,12 @@ def read(plan: Plan, came: Iterable[tuple[str, str]]) -> Given:
 
 
 def at_the_end(db: Session, session: SessionRow, plan: Plan) -> dict[str, Any] | None:
-    """The code and the way back of a session that has ended; None if there is neither."""
+    """The code and return link of an ended session; None if the study has neither."""
     outcome = OUTCOMES[Stage(session.stage)]
     return rules.described(plan.recruitment, outcome, ids_of(db, session.participant_id))
 
 
 def ids_of(db: Session, participant_id: int) -> dict[str, str]:
-    """What a platform calls this person."""
+    """The platform ids of a participant, by their keys."""
     rows = db.scalars(select(Identity).where(Identity.participant_id == participant_id))
     return {row.key: row.value for row in rows}

@@ -1,4 +1,4 @@
-"""Consents: their text with its version, and whose consent a changed text asks for anew."""
+"""Consents: their text with its version, and whether a changed text needs a new agreement."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from app.study import markdown as study_markdown
 from app.study import protocol
 from app.study.protocol import FINAL_STAGES, Stage
 
-#: Trial and query of an event that belongs to none.
+#: Trial index and query index of an event that belongs to no trial.
 NO_TRIAL = -1
 
 
@@ -30,9 +30,9 @@ def _newest_of(study_id: Any) -> Select[Any]:
     )
 
 
-# Made once: one of them is asked with every request of an evaluator's.
+# Built once: one of them is part of every request of an evaluator.
 _NEWEST = _newest_of(bindparam("study_id"))
-#: Of a session that is read, the newest version of its study's plan: `SessionRow.newest_plan_id`.
+#: The id of the newest plan version of the selected session's study: `SessionRow.newest_plan_id`.
 NEWEST_OF_SESSION = _newest_of(SessionRow.study_id).correlate(SessionRow).scalar_subquery()
 
 
@@ -42,20 +42,24 @@ def _rendered(markdown: str) -> str:
 
 
 def text(written: Mapping[str, str]) -> dict[str, Any]:
-    """The consent of one language, with the version that an agreement has to name."""
+    """The consent of one language: its HTML, and the version that an agreement has to name.
+
+    written: the texts of that language by name.
+    """
     markdown = written["consent"]
     return {"version": study_markdown.consent_version(markdown), "html": _rendered(markdown)}
 
 
 def due(db: Session, session: SessionRow) -> PlanVersion | None:
-    """The newest version of the plan, if this session's person has not agreed to its consent.
+    """The newest version of the plan if its consent differs from the one agreed to, else None.
 
-    A session that began under an earlier version keeps that version's other texts: only a consent
-    is asked for again, and the session then goes on, under the newest version, where it was.
+    A session that started under an earlier version keeps that version's other texts. Only the
+    consent is asked again, and then the session continues at the same point, under the newest
+    version.
     """
     if session.stage in FINAL_STAGES:
         return None
-    # Whoever looked a session up by its token has asked for it by the way.
+    # `lookup.find` has selected it together with the session.
     newest = session.newest_plan_id or db.scalar(_NEWEST, {"study_id": session.study_id})
     if newest == session.plan_id:
         return None
@@ -65,17 +69,17 @@ def due(db: Session, session: SessionRow) -> PlanVersion | None:
 
 
 def require_none_due(row: SessionRow) -> None:
-    """Raises OutOfOrder if the person has to agree to a changed text before they go on."""
+    """Raise OutOfOrder if the person has to agree to a changed consent before they continue."""
     session = object_session(row)
     if session is not None and row.stage != Stage.CONSENT and due(session, row) is not None:
         raise protocol.OutOfOrder(Stage.CONSENT, "the consent has changed, and is asked for again")
 
 
 def renew(session: SessionRow, version: PlanVersion, given: str) -> None:
-    """Go on under `version`, whose consent is agreed to: the session keeps its place.
+    """Move the session to `version` after agreement to its consent; its progress stays the same.
 
-    What was answered before stays under the version that it was answered under. Raises
-    StaleConsent.
+    given: the version of the text that was agreed to. Earlier responses keep the plan version under
+    which they were given. Raises StaleConsent if `given` is not the text of `version`.
     """
     in_force = text(stored_texts(version)[session.language])["version"]
     if given != in_force:
@@ -84,11 +88,11 @@ def renew(session: SessionRow, version: PlanVersion, given: str) -> None:
 
 
 def agree(db: Session, session: SessionRow, version: str, now: datetime) -> None:
-    """Keep the agreement to the consent of the plan that the session is under; earlier ones stay.
+    """Store the agreement to the consent of the session's plan version; earlier ones are kept.
 
-    The session's own columns say what its last agreement was.
+    The session's own columns hold its last agreement.
     """
-    db.flush()  # which version of the plan that is
+    db.flush()  # sets session.plan_id
     db.add(
         ConsentRow(
             session_id=session.id, plan_id=session.plan_id, consent_version=version, agreed_at=now

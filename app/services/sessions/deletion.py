@@ -1,4 +1,4 @@
-"""Deleting what people gave: for good, with a tombstone for the count and nothing besides."""
+"""Deletes participants and sessions for good; only a tombstone remains, for counting."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from app.services.context import AppContext
 from app.storage.models.arrivals import Tombstone
 from app.storage.models.studies import Participant, SessionRow
 
-#: At the person's wish, or by the study's retention rule.
+#: At the person's request, or by the study's retention rule.
 Reason = Literal["wish", "retention"]
 
 
@@ -25,9 +25,10 @@ def delete_person(
     reason: Reason = "wish",
     at: datetime | None = None,
 ) -> frozenset[int]:
-    """Delete a person with all their sessions; the seeds of their trials, for `purge_traces`.
+    """Delete a participant with all their sessions.
 
-    at: when it was asked for, if that is not now.
+    Returns the seeds of their trials, for `purge_traces`. at: when the deletion was requested, if
+    that is not now.
     """
     rows = db.scalars(
         select(SessionRow)
@@ -35,7 +36,7 @@ def delete_person(
         .options(selectinload(SessionRow.trials))
     ).all()
     seeds = _write_tombstones(app, db, rows, reason, at)
-    # Everything else hangs on the participant by foreign keys that cascade.
+    # All other rows are deleted by cascading foreign keys.
     db.execute(
         delete(Participant).where(Participant.id == participant_id),
         execution_options={"synchronize_session": False},
@@ -50,8 +51,8 @@ def delete_session(
     reason: Reason,
     at: datetime | None = None,
 ) -> frozenset[int]:
-    """Delete one session; its person too if it was their only one. The seeds of its trials."""
-    # Locked: whoever comes again just now waits, and is then a person of one session.
+    """Delete one session, and its participant if it was their only one; as `delete_person`."""
+    # Locked, so that a session that starts meanwhile waits, and then has a participant of its own.
     db.get_one(Participant, session.participant_id, with_for_update=True)
     others = db.scalar(
         select(SessionRow.id)
@@ -69,7 +70,7 @@ def delete_session(
 
 
 def purge_traces(app: AppContext, seeds: frozenset[int]) -> None:
-    """Leave no trace in memory, nor in what the database still has on the disk."""
+    """Evict deleted trials from the caches and overwrite deleted content in the database file."""
     app.proposer.purge(seeds)
     app.recordings.clear_session_cache()
     app.database.scrub()
@@ -82,9 +83,10 @@ def _write_tombstones(
     reason: Reason,
     at: datetime | None,
 ) -> frozenset[int]:
+    """Append to the deletion log and insert a tombstone per session; the seeds of all trials."""
     now = app.now() if at is None else at
     app.deletion_log.note(now, reason, [deletion_log.session_key(row.token_hash) for row in rows])
-    # The day alone: a moment could be matched with what somebody else saw at that moment.
+    # Only the day is stored: an exact time could be matched with other records of that moment.
     day = now.replace(hour=0, minute=0, second=0, microsecond=0)
     db.add_all(
         Tombstone(

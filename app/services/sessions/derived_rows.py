@@ -1,6 +1,6 @@
-"""What responses have taught the model, as it is stored: preferences, and w_acq after each.
+"""Stores what follows from responses: preferences, and the acquired candidate after each.
 
-Derived from the responses: it is kept to be exported, and could be worked out again (`replay`).
+These rows are derived and stored for export; `replay` computes them again from the responses.
 """
 
 from __future__ import annotations
@@ -16,14 +16,15 @@ from app.storage.bulk_insert import insert_rows
 from app.storage.models.studies import Acquired, PreferenceRow, QueryRow
 
 
-def store(db: Session, query: QueryRow, step: NextStep, taught: AnsweredQueries) -> None:
-    """Store what the response to this query taught. step: what follows `taught`, which ends there.
+def store(db: Session, query: QueryRow, step: NextStep, training: AnsweredQueries) -> None:
+    """Store the rows that follow from the response to this query.
 
-    Of preferences that is what its response says, and what skips before it had waited for.
+    step: the step after `taught`, the training records up to and including this query. New
+    preferences are those of this response, and those of earlier skips that were waiting for it.
     """
     new = [
         {"trial_id": query.trial_id, **row}
-        for row in preferences(step, taught)
+        for row in preferences(step, training)
         if query.query_index in (row["query_index"], row["drawn_from_query_index"])
     ]
     insert_rows(db, PreferenceRow, new)
@@ -38,10 +39,10 @@ def store(db: Session, query: QueryRow, step: NextStep, taught: AnsweredQueries)
         insert_rows(db, Acquired, [acquired])
 
 
-def preferences(step: NextStep, taught: AnsweredQueries) -> Iterator[dict[str, Any]]:
-    """All preferences of a step, in order, by the columns that the table has for them.
+def preferences(step: NextStep, training: AnsweredQueries) -> Iterator[dict[str, Any]]:
+    """All preferences of a step in order, as columns of their table.
 
-    The optimiser numbers the queries that it learnt from, `taught`; the trial numbers its places.
+    The optimiser numbers the training queries `taught`; the rows have the trial's query indices.
     """
     for index, preference in enumerate(step.preferences):
         drawn = preference.drawn_from_query_index
@@ -50,6 +51,6 @@ def preferences(step: NextStep, taught: AnsweredQueries) -> Iterator[dict[str, A
             "winner": preference.winner,
             "loser": preference.loser,
             "origin": preference.origin,
-            "query_index": taught[preference.query_index].query_index,
-            "drawn_from_query_index": None if drawn is None else taught[drawn].query_index,
+            "query_index": training[preference.query_index].query_index,
+            "drawn_from_query_index": None if drawn is None else training[drawn].query_index,
         }

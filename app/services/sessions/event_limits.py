@@ -1,8 +1,8 @@
-"""What a browser saw of a pair: which events are kept, how many, and how many were not.
+"""Limits on client events: which names are stored, and how many per call and per session.
 
-An answer is taken however much comes with it. Events of unknown names, and those beyond the limits
-of a call and of a session, are counted: in the table of events as `left_out`, with the number, and
-for the study's overview.
+A response is accepted regardless of its events. Events with unknown names and those beyond the
+limits are dropped and counted, as an event `left_out` with their number and on the study's
+overview.
 """
 
 from __future__ import annotations
@@ -22,18 +22,18 @@ from app.study.plan import Plan
 from . import queries
 from .queries import ClientEvent
 
-#: Of one call: a pair that is watched, replayed and left for another window has 30 or so.
+#: Per call. A pair that is watched, replayed and left for another window produces about 30.
 MOST_A_CALL: Final = 60
-#: Of one session, or `A_PAIR` for each pair of its plan where that is more.
+#: Per session, or `A_PAIR` for each pair of its plan if that is more.
 MOST_A_SESSION: Final = 2_000
 A_PAIR: Final = 30
 #: The longest value, in characters.
 LONGEST_VALUE: Final = 100
 
-#: What the server notes of events that it did not keep; the value is their number.
+#: The event that the server stores in place of dropped ones; the value is their number.
 LEFT_OUT: Final = "left_out"
 
-#: What pages tell, and what programs may tell of players of their own.
+#: Events of the pages, and events that programs may send about their own players.
 NAMES: Final = frozenset(
     (
         *("shown", "visible", "hidden", "blur", "focus", "fullscreen", "pressed", "replay"),
@@ -52,9 +52,12 @@ def keep(
     left_out: int,
     now: datetime,
 ) -> None:
-    """Store what was seen of a query, as far as the limits go, and how much was left out."""
+    """Store the events of a query within the limits, and the number of dropped ones.
+
+    left_out: how many events the client itself dropped.
+    """
     known = [one for one in client_events if one.event in NAMES]
-    # With an answer comes, besides its events, how often the pair was played again.
+    # One more than the limit: the number of replays comes with a response in addition.
     kept = known[: min(MOST_A_CALL + 1, _room(db, session))]
     left_out += len(client_events) - len(kept)
     if left_out:
@@ -65,13 +68,13 @@ def keep(
 
 
 def most_of_a_session(plan: Plan) -> int:
-    """How many events are kept of a session under this plan."""
+    """How many events of a session under this plan are stored."""
     pairs = plan.trials * plan.queries_per_trial + plan.practice.queries
     return max(MOST_A_SESSION, A_PAIR * pairs)
 
 
 def _room(db: Session, session: SessionRow) -> int:
-    """How many more events of this session are kept."""
+    """How many more events of this session may be stored."""
     most = most_of_a_session(stored_plan(session.plan))
     there = select(Event.id).where(Event.session_id == session.id).limit(most).subquery()
     return most - (db.scalar(select(func.count()).select_from(there)) or 0)

@@ -1,4 +1,4 @@
-"""What is due to somebody whom a fault of ours has stopped."""
+"""The return link of a participant whose session failed because of a server error."""
 
 from __future__ import annotations
 
@@ -20,21 +20,22 @@ from . import completion, lookup
 
 log = logging.getLogger(__name__)
 
-#: Each study's plan as it was last seen: the way back is known even if the database is not there.
+#: The last plan read per study, for the return link while the database is unreachable.
 _last_plans: LRUCache[str, Plan] = LRUCache(repository.MAX_PLANS)
 _lock = Lock()
 
 
 def remember(slug: str, plan: Plan) -> None:
+    """Cache a study's plan for use while the database is unreachable."""
     with _lock:
         _last_plans[slug] = plan
 
 
 def after_a_failure(app: AppContext, slug: str, token: str | None) -> dict[str, Any] | None:
-    """The way back of somebody whom a fault of ours stopped.
+    """The code or return link for a participant after a server error, or None.
 
-    Whoever had given every answer has them all stored, and has completed the study as far as it
-    was in their hands: theirs is the code of completion.
+    A participant with a response to every query has completed the study as far as they could, and
+    gets the code of completion; the others get that of a technical failure.
     """
     try:
         with app.database.read() as db:
@@ -51,7 +52,7 @@ def after_a_failure(app: AppContext, slug: str, token: str | None) -> dict[str, 
                 plan.recruitment, outcome, completion.ids_of(db, session.participant_id)
             )
     except Exception:
-        # Whatever keeps us from looking the way back up: the person gets the one we remember.
+        # Whatever the cause: fall back to the cached plan.
         log.exception("the way back of somebody in the study %r could not be looked up", slug)
         with _lock:
             known = _last_plans.get(slug)

@@ -1,4 +1,4 @@
-"""The videos that a session watches to get to know what it will judge, and which it has watched."""
+"""The familiarisation videos of a session: those shown before a trial, and those watched."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from app.services.studies.repository import plan_of, stored_plan
 from app.storage.models.studies import SessionRow
 from app.study.assignment import sample_familiarisation
 
-#: Tells the draw of familiarisation videos apart from every other use of a session's seed.
+#: Separates this random stream from all other uses of a session's seed.
 _DRAW = 102
 
 
 def clips(app: AppContext, session: SessionRow) -> tuple[RecordingRef, ...]:
-    """The videos before the trial that comes next: drawn by the session's seed, alike each time."""
+    """The videos before the coming trial, drawn from the session's seed: the same on each call."""
     plan = stored_plan(session.plan)
     if plan.blocks == "environment":
         coming = plan.conditions[session.trial_conditions[session.trial_index]]
@@ -35,36 +35,36 @@ def clips(app: AppContext, session: SessionRow) -> tuple[RecordingRef, ...]:
 
 
 def test_clips(app: AppContext, session: SessionRow) -> tuple[RecordingRef, ...]:
-    """The video of the session's device check: any that the study has."""
+    """The video of the session's device check: the study's first one, or none without a check."""
     plan = stored_plan(session.plan)
     if plan.device_check is None:
         return ()
-    space = app.proposer.candidate_set(session.study_id, plan.used_environments[0])
-    return space.all_recordings[:1]
+    candidate_set = app.proposer.candidate_set(session.study_id, plan.used_environments[0])
+    return candidate_set.all_recordings[:1]
 
 
 def watched(session: SessionRow) -> list[int]:
-    """Places of this playlist, from 0, that were watched to the end."""
+    """Indices within this playlist, from 0, of the videos that were watched to the end."""
     first, size = _places(session)
     return sorted(place - first for place in session.watched if first <= place < first + size)
 
 
 def first_place(session: SessionRow) -> int:
-    """The place of this playlist's first video among those of all the session's playlists."""
+    """The index of this playlist's first video in all playlists of the session taken together."""
     return _places(session)[0]
 
 
 def mark_watched(session: SessionRow, index: int) -> None:
-    """Keep that the video at this place was watched to the end. Raises NotFoundError."""
+    """Record that the video with this index was watched to the end. Raises NotFoundError."""
     first, size = _places(session)
     if not 0 <= index < size:
         raise NotFoundError(f"expected a video's place from 0 to {size - 1}, got {index}")
-    # Another list: a change within one would not be noticed, and not be stored.
+    # Assigned anew: SQLAlchemy does not track changes within a list.
     session.watched = sorted({*session.watched, first + index})
 
 
 def _places(session: SessionRow) -> tuple[int, int]:
-    """Where this block's playlist begins among all the session's, and how long it is."""
+    """Where this block's playlist begins among all of the session, and its length."""
     plan = stored_plan(session.plan)
     size = plan.familiarisation.videos
     return session.trial_index // plan_of(session).trials_per_block * size, size

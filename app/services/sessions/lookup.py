@@ -1,4 +1,4 @@
-"""A session's row: found by the token that its browser or program holds, and moved on."""
+"""Finds a session by the token of its browser or program, and advances it."""
 
 from __future__ import annotations
 
@@ -28,7 +28,12 @@ def find(
     to_write: bool = False,
     even_expired: bool = False,
 ) -> SessionRow:
-    """The session of this token. Raises SignInRequiredError, or SessionExpiredError."""
+    """The session of this token, or of a re-entry token that leads to it.
+
+    to_write: lock the row until the transaction ends. even_expired: return an expired session, too.
+    Raises SignInRequiredError if no session has the token, SessionExpiredError, or
+    SessionTooOldError.
+    """
     hashed = {"hashed": secret_hash(token)}
     found = db.execute(_TO_WRITE if to_write else _TO_READ, hashed).first()
     if found is None:
@@ -49,7 +54,7 @@ def find(
 
 
 def refuse_if_too_old(plan: Plan, session: SessionRow, now: datetime) -> None:
-    """Raises SessionTooOldError if the session was left for too long to be resumed."""
+    """Raise SessionTooOldError if the session was inactive for too long to be resumed."""
     if is_too_old(plan, session, now):
         raise SessionTooOldError(
             f"expected to be back within {plan.resume.max_age_hours:g} hours,"
@@ -59,7 +64,7 @@ def refuse_if_too_old(plan: Plan, session: SessionRow, now: datetime) -> None:
 
 
 def is_too_old(plan: Plan, session: SessionRow, now: datetime) -> bool:
-    """Whether an unfinished session was left for longer than its study lets one resume it."""
+    """Whether an unfinished session was inactive for longer than `resume.max_age_hours`."""
     hours = plan.resume.max_age_hours
     return (
         hours is not None
@@ -69,15 +74,18 @@ def is_too_old(plan: Plan, session: SessionRow, now: datetime) -> bool:
 
 
 def require_asked(session: SessionRow, query_index: int) -> None:
-    """Raises OutOfOrder unless the session's query of this index waits for its response."""
+    """Raise OutOfOrder unless the session's open query has this index."""
     progress = session_state.read_progress(session)
     protocol.require_asked(repository.plan_of(session), progress, query_index)
 
 
 def advance(app: AppContext, session: SessionRow, event: protocol.Event) -> None:
-    """Move the session on by what happened. Raises a ProtocolError if it cannot happen now."""
+    """Apply an event of the protocol to the session.
+
+    Raises a ProtocolError if it is not allowed now.
+    """
     if isinstance(event, protocol.Continued | protocol.Answered | protocol.ScreenedOut):
-        # A response given before the text changed is taken all the same: nothing is lost.
+        # Responses are not checked: one given before the consent text changed must not be lost.
         consents.require_none_due(session)
     plan = repository.plan_of(session)
     session_state.store_progress(
@@ -88,8 +96,8 @@ def advance(app: AppContext, session: SessionRow, event: protocol.Event) -> None
         session.ended_at = app.now()
 
 
-# Made once: what is asked with every request takes as long to be put together as to be answered.
-# Plans and texts, which are long, are known by their hash.
+# Built once: for such small queries, building the statement takes as long as executing it.
+# The long columns of a plan version are deferred; its parsed form is cached by `plan_hash`.
 _WITH_ITS_STUDY = select(SessionRow, consents.NEWEST_OF_SESSION).options(
     joinedload(SessionRow.plan).load_only(
         PlanVersion.study_id, PlanVersion.version, PlanVersion.plan_hash

@@ -1,4 +1,4 @@
-"""The people of a study, by their pseudonyms: to find whom to delete."""
+"""Lookup of a study's participants by pseudonym, for requests to delete their data."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from app.storage.models.studies import Participant, SessionRow
 
 @dataclass(frozen=True)
 class Person:
-    """Somebody who took part. mode: of their sessions; those of one person have one mode."""
+    """One participant. mode: that of their sessions, which all have the same mode."""
 
     pseudonym: str
     sessions: int
@@ -23,18 +23,22 @@ class Person:
 
 
 def newest(app: AppContext, study_id: int, limit: int) -> list[Person]:
-    """Who came last, first."""
+    """The newest participants of a study, at most `limit`."""
     return _found(app, study_id, limit=limit)
 
 
 def count(app: AppContext, study_id: int) -> int:
+    """The number of participants of a study."""
     statement = select(func.count(Participant.id)).where(Participant.study_id == study_id)
     with app.database.read() as db:
         return db.scalar(statement) or 0
 
 
 def find(app: AppContext, study_id: int, pseudonym: str) -> Person:
-    """The person of this pseudonym, however it is typed. Raises NotFoundError."""
+    """The participant with this pseudonym; case and white space do not matter.
+
+    Raises NotFoundError.
+    """
     found = _found(app, study_id, pseudonym.strip().upper())
     if not found:
         raise NotFoundError(f"expected a participant of this study, and {pseudonym[:24]!r} is none")

@@ -1,4 +1,4 @@
-"""Queries as they are stored: what was shown, what was answered, and what the browser saw."""
+"""Queries as they are stored: the pair shown, the response, and the client events."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ from app.study import protocol
 from app.study.protocol import ANSWERED, Stage
 from app.study.stage_settings import PRACTICE_INDEX
 
-#: Stands for the practice where a trial's seed is drawn: no plan has so many trials.
+#: The trial index that stands for the practice in seeds; larger than that of any trial.
 _PRACTICE_SEED = 1_000_000
 
 
 @dataclass(frozen=True)
 class ClientEvent:
-    """Something the browser saw while a query was on the screen, `time_ms` after it appeared."""
+    """An event in the browser while a query was shown, `time_ms` after the query appeared."""
 
     event: str
     side: str | None
@@ -38,23 +38,23 @@ class ClientEvent:
 
 @dataclass(frozen=True)
 class OpenQuery:
-    """Where a trial stands: the query that is open, and what was answered before it."""
+    """The state of a trial: its open query, and the queries answered before it."""
 
     trial_id: int
     trial_index: int
     environment: str
     seed: int
-    #: What the session's browser knows the open query as.
+    #: The id of the open query in STATE.
     public_id: str
     attempt: int
     asked: AskedQuery
     record: AnsweredQueries
-    #: The query whose response opened this one, where both happened in this very call.
+    #: The query whose response opened this one, if this call stored that response.
     just_answered: QueryRow | None = None
 
 
 def trial_seed(session: SessionRow, trial_index: int) -> int:
-    """Seed of one of the session's trials, or of its practice: 48 bits."""
+    """The seed of one of the session's trials, or of its practice: 48 bits."""
     own = _PRACTICE_SEED if trial_index == PRACTICE_INDEX else trial_index
     sequence = np.random.SeedSequence([session.seed, own])
     return int(sequence.generate_state(1, np.uint64)[0] >> np.uint64(16))
@@ -63,13 +63,13 @@ def trial_seed(session: SessionRow, trial_index: int) -> int:
 def trial_spec(
     session: SessionRow, trial_index: int, seed: int, engine_version: str = ENGINE_VERSION
 ) -> TrialSpec:
-    """All that a proposal in this trial of a session depends on.
+    """All inputs of a trial's proposals but the candidates and the history.
 
-    engine_version: the one that the trial began under, as its queries record it. What the plan does
-    not set is as it was then.
+    engine_version: the one under which the trial began, as its queries record it. Settings that the
+    plan leaves out take the defaults of that version.
     """
     plan = stored_plan(session.plan)
-    # The practice is held as the first trial will be: in its environment, with its skip button.
+    # The practice uses the environment and the skip button of the first trial.
     condition = plan.conditions[session.trial_conditions[max(trial_index, 0)]]
     return TrialSpec(
         study_id=session.study_id,
@@ -86,7 +86,11 @@ def trial_spec(
 
 
 def find(db: Session, session: SessionRow, public_id: str) -> QueryRow:
-    """The query that this session's browser knows as `public_id`, with its trial and response."""
+    """The query of this session with this public id, with its trial and response loaded.
+
+    Raises OutOfOrder if the session's stage has no queries, else NotFoundError if it has no such
+    query.
+    """
     query = db.scalar(_BY_PUBLIC_ID, {"public_id": public_id, "session_id": session.id})
     if query is None:
         if session.stage not in ANSWERED:
@@ -96,7 +100,7 @@ def find(db: Session, session: SessionRow, public_id: str) -> QueryRow:
 
 
 def load_open_query(db: Session, session: SessionRow, trial_index: int) -> OpenQuery:
-    """Where the trial stands that the session is in: its practice, or one of its plan."""
+    """The open query of a session's trial, or of its practice, with the history before it."""
     found = _OPEN_QUERY.read(db, {"session_id": session.id, "trial_index": trial_index})
     *before, last = sorted(found, key=lambda one: one[_LEADING_COLUMNS])
     trial_id, environment, seed, public_id, attempt, *asked = last
@@ -113,13 +117,13 @@ def load_open_query(db: Session, session: SessionRow, trial_index: int) -> OpenQ
 
 
 def previous_query(db: Session, open_query: OpenQuery) -> QueryRow | None:
-    """The query just before the open one, with its response; None if there is none."""
+    """The query before the open one, with its response; None if there is none."""
     place = {"trial_id": open_query.trial_id, "query_index": open_query.asked.query_index - 1}
     return db.scalar(_ANSWERED, place)
 
 
 def was_undone(db: Session, public_id: str) -> bool:
-    """Whether a response to this query was ever taken back."""
+    """Whether a response to this query was ever undone."""
     query_id = select(QueryRow.id).where(QueryRow.public_id == public_id).scalar_subquery()
     found = select(UndoneResponse.id).where(UndoneResponse.query_id == query_id).limit(1)
     return db.scalar(found) is not None
@@ -132,7 +136,7 @@ def read_record(db: Session, trial_id: int) -> AnsweredQueries:
 
 
 def read_attempts(db: Session, query: QueryRow) -> AnsweredQueries:
-    """All that was shown at the place of this query, set aside or not, oldest first."""
+    """All attempts at this query's index, including those set aside, oldest first."""
     rows: Iterable[Any] = db.execute(
         select(*_ASKED_COLUMNS)
         .where(QueryRow.trial_id == query.trial_id, QueryRow.query_index == query.query_index)
@@ -142,7 +146,7 @@ def read_attempts(db: Session, query: QueryRow) -> AnsweredQueries:
 
 
 def number_set_aside(db: Session, session: SessionRow) -> int:
-    """How many queries of this session were set aside."""
+    """The number of this session's queries that were set aside."""
     statement = (
         select(func.count(QueryRow.id))
         .join(Trial, QueryRow.trial_id == Trial.id)
@@ -154,6 +158,7 @@ def number_set_aside(db: Session, session: SessionRow) -> int:
 def store_events(
     db: Session, session: SessionRow, query: QueryRow, client_events: Iterable[ClientEvent]
 ) -> None:
+    """Insert client events of a query. `event_limits.keep` applies the limits."""
     seen = [
         {
             "session_id": session.id,
@@ -170,7 +175,7 @@ def store_events(
 
 
 def close_events(db: Session, session: SessionRow, query: QueryRow, why: str) -> None:
-    """Mark that what was seen so far at this place is not part of the answer that stays."""
+    """Add an event `why` that ends the events so far, which do not belong to the final response."""
     last = db.scalar(
         select(func.max(Event.time_ms)).where(
             Event.session_id == session.id,
@@ -193,7 +198,7 @@ _ASKED_COLUMNS: tuple[Any, ...] = (
     QueryRow.repeats_query_index,
 )
 
-# Made once: what is asked with every response takes as long to be put together as to be answered.
+# Built once: for such small queries, building the statement takes as long as executing it.
 _BY_PUBLIC_ID = (
     select(QueryRow)
     .join(Trial, QueryRow.trial_id == Trial.id)
@@ -210,7 +215,7 @@ _ANSWERED = (
     )
     .options(contains_eager(QueryRow.response))
 )
-#: What comes before a query as it was shown, in the rows of a trial that stands.
+#: Columns before those of `Shown` in the rows of `_OPEN_QUERY`.
 _TRIAL_COLUMNS: tuple[Any, ...] = (Trial.id, Trial.environment, Trial.seed)
 _QUERY_COLUMNS: tuple[Any, ...] = (QueryRow.public_id, QueryRow.attempt)
 _LEADING_COLUMNS = len(_TRIAL_COLUMNS) + len(_QUERY_COLUMNS)

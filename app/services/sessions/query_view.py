@@ -1,4 +1,4 @@
-"""What the page of a query may know of it: two videos, and how they may be answered."""
+"""The open query in STATE: two videos, and how the query may be answered."""
 
 from __future__ import annotations
 
@@ -26,24 +26,28 @@ from .queries import OpenQuery
 def describe(
     app: AppContext, db: Session, session: SessionRow, known: OpenQuery | None = None
 ) -> dict[str, Any]:
-    """The open query of STATE. What a study does not ask for is not in it.
+    """The `query` of STATE. Keys of features that the study does not use are absent.
 
-    known: where the trial stands, if whoever asks has just brought it there.
+    known: the open query, if the caller has it at hand; otherwise it is read.
     """
     plan = stored_plan(session.plan)
     practising = session.stage == Stage.PRACTICE
     trial_index = PRACTICE_INDEX if practising else session.trial_index
     trial = known or queries.load_open_query(db, session, trial_index)
     query = trial.asked
-    space = app.proposer.candidate_set(session.study_id, trial.environment)
+    candidate_set = app.proposer.candidate_set(session.study_id, trial.environment)
     condition = plan.conditions[session.trial_conditions[session.trial_index]]
     place = (trial_index, query.query_index)
     coming, then = _coming(app, session, trial), _place_after(session, trial)
     clips = [clip for following in coming for clip in (following.left, following.right)]
     state: dict[str, Any] = {
         "id": trial.public_id,
-        "left": video(app, session, space.recording(query.left, query.left_recording), place),
-        "right": video(app, session, space.recording(query.right, query.right_recording), place),
+        "left": video(
+            app, session, candidate_set.recording(query.left, query.left_recording), place
+        ),
+        "right": video(
+            app, session, candidate_set.recording(query.right, query.right_recording), place
+        ),
         "skip": skip_of(plan, condition, session.language),
         "prefetch": list(dict.fromkeys(_address(app, session, clip, then) for clip in clips)),
     }
@@ -59,7 +63,7 @@ def describe(
 def _undo(
     app: AppContext, db: Session, session: SessionRow, trial: OpenQuery
 ) -> dict[str, str | float] | None:
-    """What the page of the open query says of undoing the response before it, while it may."""
+    """The `undo` of STATE, or None: the query whose response may be undone, and seconds left."""
     offer = undo_offer.find(db, session, trial, app.now())
     seconds_left = round(offer.seconds_left, 1) if offer is not None else 0.0
     if offer is None or seconds_left <= 0:
@@ -68,7 +72,7 @@ def _undo(
 
 
 def video(app: AppContext, session: SessionRow, clip: RecordingRef, place: Place) -> dict[str, Any]:
-    """A recording as the session's browser knows it, at one place."""
+    """A recording in STATE: its URL for this session and place, and its duration."""
     return {"url": _address(app, session, clip, place), "duration_s": clip.duration_s}
 
 
@@ -77,7 +81,7 @@ def _address(app: AppContext, session: SessionRow, clip: RecordingRef, place: Pl
 
 
 def skip_of(plan: Plan, condition: Condition, language: str) -> dict[str, Any] | None:
-    """The skip button of a condition; None if it has none."""
+    """The skip button of a condition in one language; None if the condition offers no skip."""
     skip = condition.skip
     if skip is None:
         return None
@@ -91,42 +95,42 @@ def skip_of(plan: Plan, condition: Condition, language: str) -> dict[str, Any] |
 
 
 def _coming(app: AppContext, session: SessionRow, trial: OpenQuery) -> list[ProposedQuery]:
-    """What may come next, the likeliest first, as far as it is worked out."""
-    in_hand = queries.trial_spec(session, trial.trial_index, trial.seed, trial.asked.engine_version)
+    """Candidates for the next query, most likely first, as far as they are computed."""
+    spec = queries.trial_spec(session, trial.trial_index, trial.seed, trial.asked.engine_version)
     if trial.trial_index == PRACTICE_INDEX:
-        return [_after_practice(app, session, in_hand)]
+        return [_after_practice(app, session, spec)]
     record, query = trial.record, trial.asked
-    kind = kind_at(in_hand, query.query_index + 1)
-    history = training_history(in_hand, record)
+    kind = kind_at(spec, query.query_index + 1)
+    history = training_history(spec, record)
     pair = (query.left, query.right)
     coming = []
-    if is_training(in_hand, query.trial_type):
-        coming = app.proposer.possible_queries(in_hand, history, pair)
-        app.proposer.precompute(in_hand, history, pair)
-    elif (known := app.proposer.cached_step(in_hand, history)) and known.next:
+    if is_training(spec, query.trial_type):
+        coming = app.proposer.possible_queries(spec, history, pair)
+        app.proposer.precompute(spec, history, pair)
+    elif (known := app.proposer.cached_step(spec, history)) and known.next:
         coming = [known.next]
-    # After the last query none follows, and yet what its response will have taught is asked for.
+    # The step after the last query has no next query, but its derived rows are still needed.
     if kind in (None, Kind.MODEL):
         return coming
-    space = app.proposer.candidate_set(in_hand.study_id, in_hand.environment)
-    check = check_at(space, in_hand, record, query.query_index + 1)
+    candidate_set = app.proposer.candidate_set(spec.study_id, spec.environment)
+    check = check_at(candidate_set, spec, record, query.query_index + 1)
     app.proposer.render([check.left, check.right])
     return [check]
 
 
 def _place_after(session: SessionRow, trial: OpenQuery) -> Place:
-    """Where what follows the open query will be shown."""
+    """The place at which the query after the open one will be shown."""
     is_last = session.query_index + 1 >= stored_plan(session.plan).practice.queries
     if trial.trial_index == PRACTICE_INDEX and is_last:
         return (0, 0)
     return (trial.trial_index, trial.asked.query_index + 1)
 
 
-def _after_practice(app: AppContext, session: SessionRow, in_hand: TrialSpec) -> ProposedQuery:
-    """What follows the open practice query: it does not depend on the response."""
+def _after_practice(app: AppContext, session: SessionRow, spec: TrialSpec) -> ProposedQuery:
+    """The query after the open practice query; it does not depend on the response."""
     if session.query_index + 1 < stored_plan(session.plan).practice.queries:
-        space = app.proposer.candidate_set(in_hand.study_id, in_hand.environment)
-        return practice_pairs.pair(space, in_hand.seed, session.query_index + 1)
+        candidate_set = app.proposer.candidate_set(spec.study_id, spec.environment)
+        return practice_pairs.pair(candidate_set, spec.seed, session.query_index + 1)
     first = app.proposer.step(
         queries.trial_spec(session, 0, queries.trial_seed(session, 0)), ()
     ).next

@@ -1,4 +1,4 @@
-"""Questionnaires of a session: taking their answers, all together or not at all."""
+"""Stores a session's questionnaire answers, all of them or none."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from . import lookup, trial_start
 from . import state_view as session_state
 from .state_view import State
 
-#: The trial index of what is asked at the end.
+#: The trial index of the questionnaire at the end.
 AT_THE_END_INDEX = -1
 
 
 def answer(app: AppContext, token: str, answers: Mapping[str, object]) -> State:
-    """Store the answers to the open questionnaire, and move on.
+    """Store the answers to the open questionnaire, and advance the session.
 
-    Raises AnswersRefusedError with every fault, and then stores none.
+    Raises AnswersRefusedError with all validation errors, in which case nothing is stored.
     """
     with app.database.write() as db:
         session = lookup.find(app, db, token, to_write=True)

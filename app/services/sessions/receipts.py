@@ -1,4 +1,4 @@
-"""Receipt codes: whose session one belongs to, and which browsers may see it."""
+"""Receipt codes: the session that a code belongs to, and the browsers that may see it."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from app.storage.models.studies import SessionRow, Study
 
 
 def session_of_receipt(db: Session, slug: str, receipt: str) -> SessionRow | None:
-    """The session of the study that this receipt code belongs to."""
+    """The session of the study with this receipt code, or None."""
     hashed = receipt_hash(receipt)
     came_back = select(Reentry.session_id).where(Reentry.receipt_hash == hashed)
     return db.scalar(
@@ -27,16 +27,16 @@ def session_of_receipt(db: Session, slug: str, receipt: str) -> SessionRow | Non
 
 
 def receipt(app: AppContext, token: str) -> str | None:
-    """The receipt code that goes with this token.
+    """The receipt code of this token's browser.
 
-    None for a browser that was let in by a platform's ids, and where there is no session.
+    None for a browser that was let in by platform ids, or if no session has the token.
     """
     with app.database.read() as db:
         return receipt_code(token) if has_all_rights(db, token) else None
 
 
 def has_all_rights(db: Session, token: str) -> bool:
-    """Whether the holder of this token may see the receipt and delete what the person gave."""
+    """Whether the holder of this token may see the receipt code and delete the person's data."""
     hashed = secret_hash(token)
     if db.scalar(select(SessionRow.id).where(SessionRow.token_hash == hashed)) is not None:
         return True

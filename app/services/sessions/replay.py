@@ -1,4 +1,4 @@
-"""A study's trials worked out again from what was stored: does everything come out alike?"""
+"""Computes a study's trials again from the stored responses, and compares the results."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ from .derived_rows import preferences
 
 @dataclass(frozen=True)
 class Difference:
-    """Something stored that does not come out of the responses today.
+    """A stored value that the computation does not reproduce.
 
-    what: a query (candidates and recordings, left and right), the candidate that was acquired after
-    one, or the trial's preferences (index, winner, loser, origin, queries; those that differ).
+    what: a query (candidates and recordings, left and right), the candidate acquired after a query,
+    or the trial's preferences (index, winner, loser, origin, queries; those that differ).
     """
 
     what: str
@@ -40,7 +40,7 @@ class Difference:
 
 @dataclass(frozen=True)
 class Replayed:
-    """One trial, replayed."""
+    """The result for one trial."""
 
     session_id: str
     trial_index: int
@@ -71,21 +71,21 @@ def replay(app: AppContext, slug: str) -> Iterator[Replayed]:
 
 
 def _differences(app: AppContext, db: Session, trial: Trial) -> Iterator[Difference]:
-    in_hand = queries.trial_spec(
+    spec = queries.trial_spec(
         trial.session, trial.trial_index, trial.seed, trial.queries[0].engine_version
     )
-    space = app.proposer.candidate_set(in_hand.study_id, in_hand.environment)
+    candidate_set = app.proposer.candidate_set(spec.study_id, spec.environment)
     record = queries.read_record(db, trial.id)
-    # What took the place of a video that did not play depends on which ones could be had.
+    # A replacement for a video that did not play depends on which recordings were available.
     asked = {query.query_index: query for query in trial.queries if query.attempt == 0}
     acquired: dict[int, int] = {}
     for place in range(len(record) + 1):
         before = record[:place]
-        step = next_step(space, in_hand, training_history(in_hand, before))
-        if place > 0 and step.acquired and is_training(in_hand, before[-1].trial_type):
+        step = next_step(candidate_set, spec, training_history(spec, before))
+        if place > 0 and step.acquired and is_training(spec, before[-1].trial_type):
             acquired[place - 1] = step.acquired.candidate
         if place in asked:
-            proposal = next_query(space, in_hand, before, step)
+            proposal = next_query(candidate_set, spec, before, step)
             assert proposal is not None
             was, would_be = _shown(asked[place]), _proposed(proposal)
             if was != would_be:
@@ -96,9 +96,11 @@ def _differences(app: AppContext, db: Session, trial: Trial) -> Iterator[Differe
             pair = ((stored.get(place),), (acquired.get(place),))
             yield Difference(f"acquired after query {place}", *pair)
     kept = _preferences(db, trial)
-    taught = {tuple(row.values()) for row in preferences(step, training_records(in_hand, record))}
-    if kept != taught:
-        yield Difference("preferences", tuple(sorted(kept - taught)), tuple(sorted(taught - kept)))
+    computed = {tuple(row.values()) for row in preferences(step, training_records(spec, record))}
+    if kept != computed:
+        yield Difference(
+            "preferences", tuple(sorted(kept - computed)), tuple(sorted(computed - kept))
+        )
 
 
 def _acquired(db: Session, trial: Trial) -> dict[int, int]:

@@ -1,7 +1,6 @@
-"""What comes back from the query page: a response, or that a video did not play.
+"""Use cases of the query page: submit a response, report a video that did not play.
 
-What is stored is stored in one transaction: two tabs, a double click or a retry find that it was
-done.
+Each is stored in one transaction, so a second tab, a double click or a retry finds it done.
 """
 
 from __future__ import annotations
@@ -45,28 +44,28 @@ from . import state_view as session_state
 from .queries import ClientEvent, OpenQuery
 from .state_view import State
 
-#: Attempts at one place of a trial: whoever needs more will not see any video at all.
+#: Attempts at one query. A browser that needs more plays no video at all.
 MOST_ATTEMPTS = 20
-#: Pairs of one session that are set aside: a browser that shows so few videos shows no study.
+#: Queries of one session that may be set aside. A browser that fails more often is unsuitable.
 MOST_FAULTS = 100
 
 
 @dataclass(frozen=True)
 class Answer:
-    """What was pressed, and what the browser saw meanwhile."""
+    """A response, with the client events up to it."""
 
     query_id: str
     response: str
     rt_ms: float | None = None
     skip_reason: str | None = None
     client_events: Sequence[ClientEvent] = ()
-    #: How much more the browser saw than is told here.
+    #: How many events the client dropped.
     left_out: int = 0
 
 
 @dataclass(frozen=True)
 class FaultReport:
-    """A video of this query did not play, and what the browser saw of that."""
+    """The report that a video of this query did not play, with the client events up to it."""
 
     query_id: str
     reason: str
@@ -76,7 +75,7 @@ class FaultReport:
 
 @dataclass(frozen=True)
 class _ResponseContext:
-    """What one read tells of the query that is answered.
+    """The trial and history of the query that is answered.
 
     record: the trial's answered queries, this one included.
     """
@@ -95,7 +94,7 @@ def respond(app: AppContext, token: str, answer: Answer) -> State:
 
     One transaction reads what the response is about. The step after it comes from the cache or is
     computed, outside any transaction. One short transaction locks the session, checks again and
-    writes. The state is described from what is known by then.
+    writes. The state is described from the values at hand.
     """
     with app.metrics.answering(answer.response):
         with app.database.read() as db:
@@ -110,8 +109,8 @@ def respond(app: AppContext, token: str, answer: Answer) -> State:
             query = queries.find(db, session, answer.query_id)
             opened = None
             if _is_new(session, query, answer):
-                # The record that was read still holds: undoing a response before this one would
-                # have deleted this query.
+                # The history read before is still valid: undoing an earlier response would have
+                # deleted this query.
                 opened = _store(app, db, session, query, answer, asked, step)
         with app.database.read() as db:
             if opened is None:
@@ -120,7 +119,10 @@ def respond(app: AppContext, token: str, answer: Answer) -> State:
 
 
 def _read(db: Session, session: SessionRow, query: QueryRow, answer: Answer) -> _ResponseContext:
-    """Raises OutOfOrder, SkipNotOfferedError or SkipReasonError if the answer cannot be taken."""
+    """Read the context of a response.
+
+    Raises OutOfOrder, SkipNotOfferedError or SkipReasonError if the response cannot be accepted.
+    """
     lookup.require_asked(session, query.query_index)
     trial = queries.trial_spec(
         session, query.trial.trial_index, query.trial.seed, query.engine_version
@@ -138,7 +140,7 @@ def _read(db: Session, session: SessionRow, query: QueryRow, answer: Answer) -> 
 
 
 def _step(app: AppContext, asked: _ResponseContext) -> NextStep:
-    """The precomputed step, or one computed now."""
+    """The step after the response, from the cache or computed now."""
     step = app.proposer.cached_step(asked.trial, asked.history)
     app.metrics.step_asked(ahead=step is not None)
     return step or app.proposer.step(asked.trial, asked.history)
@@ -153,7 +155,7 @@ def _store(
     asked: _ResponseContext,
     step: NextStep | None,
 ) -> OpenQuery | None:
-    """Write the response, what it taught and what follows; the open query, if the trial goes on.
+    """Write the response, its derived rows and the next query; return that query, if there is one.
 
     Raises OutOfOrder, before anything is written, if the session's open query is another one.
     """
@@ -176,8 +178,8 @@ def _store(
     if is_training(asked.trial, query.trial_type):
         derived_rows.store(db, query, step, training_records(asked.trial, asked.record))
     if session.stage == Stage.QUERY and session.trial_index == query.trial.trial_index:
-        space = app.proposer.candidate_set(asked.trial.study_id, asked.trial.environment)
-        coming = next_query(space, asked.trial, asked.record, step)
+        candidate_set = app.proposer.candidate_set(asked.trial.study_id, asked.trial.environment)
+        coming = next_query(candidate_set, asked.trial, asked.record, step)
         assert coming is not None
         return _open(db, query, coming, asked.record, now)
     query.trial.ended_at = now
@@ -188,7 +190,7 @@ def _store(
 def _open(
     db: Session, answered: QueryRow, coming: ProposedQuery, record: AnsweredQueries, now: datetime
 ) -> OpenQuery:
-    """Store the trial's next query. record: all that was answered before it."""
+    """Store the trial's next query. record: the answered queries before it."""
     trial = answered.trial
     asked = trial_start.query_columns(coming, now, trial_id=trial.id)
     insert_rows(db, QueryRow, [asked])
@@ -228,11 +230,11 @@ def _continue_practice(
 
 
 def report_fault(app: AppContext, token: str, report: FaultReport) -> State:
-    """Set a query aside because a video did not play, and put another one in its place.
+    """Set a query aside because a video did not play, and ask a replacement at the same index.
 
-    What is set aside is kept, marked, and never reaches the model. The same report again changes
-    nothing. Raises AlreadyAnsweredError if the query has its response, and OutOfOrder if nobody is
-    asked it any more.
+    The query that was set aside is kept, marked, and never used for training. A repeated report
+    changes nothing. Raises AlreadyAnsweredError if the query has a response, OutOfOrder if it is no
+    longer the open query, and ConflictError beyond the limits.
     """
     with app.database.write() as db:
         session = lookup.find(app, db, token, to_write=True)
@@ -257,8 +259,8 @@ def report_fault(app: AppContext, token: str, report: FaultReport) -> State:
         trial = queries.trial_spec(
             session, query.trial.trial_index, query.trial.seed, query.engine_version
         )
-        space = app.proposer.candidate_set(trial.study_id, trial.environment)
-        instead = replacement(space, trial, tried, app.recordings.is_available)
+        candidate_set = app.proposer.candidate_set(trial.study_id, trial.environment)
+        instead = replacement(candidate_set, trial, tried, app.recordings.is_available)
         now = app.now()
         query.set_aside_at = now
         query.fault = report.reason
@@ -272,7 +274,12 @@ def report_fault(app: AppContext, token: str, report: FaultReport) -> State:
 
 
 def _is_new(session: SessionRow, query: QueryRow, answer: Answer) -> bool:
-    """Whether the query is still to be answered; raises if it was answered otherwise."""
+    """Whether the query has no response yet.
+
+    Raises AlreadyAnsweredError if it has another response.
+
+    Raises SetAsideError if the query was replaced.
+    """
     if query.set_aside_at is not None:
         raise SetAsideError(
             "expected a response to the query that took this one's place: this one did not play",
@@ -290,9 +297,9 @@ def _is_new(session: SessionRow, query: QueryRow, answer: Answer) -> bool:
 
 
 def _check_reason(session: SessionRow, query: QueryRow, answer: Answer) -> None:
-    """A reason goes with a skip, and is one of those that the study offers.
+    """Raise SkipReasonError unless the reason comes with a skip and the study offers it.
 
-    A skip without a reason is taken: a page that was open before knows of none.
+    A skip without a reason is accepted, for pages that were opened before reasons were offered.
     """
     if answer.skip_reason is None:
         return
@@ -301,7 +308,7 @@ def _check_reason(session: SessionRow, query: QueryRow, answer: Answer) -> None:
             f"expected a reason with a skip only, got one with {answer.response!r}", session.stage
         )
     plan = stored_plan(session.plan)
-    # The practice has the skip button of the first trial.
+    # The practice uses the skip button of the first trial.
     skip = plan.conditions[session.trial_conditions[max(query.trial.trial_index, 0)]].skip
     offered = list(skip.reasons or ()) if skip else []
     if offered and answer.skip_reason not in offered:

@@ -1,7 +1,7 @@
-"""An evaluator's passage through a study. The server alone decides where a session is.
+"""Use cases that move a session from stage to stage: consent, continue, screen-out.
 
-Each use case reads, works out what follows outside any transaction, and then writes once, having
-looked again: two tabs, a double click or a retry find that it was done.
+Each reads and checks the session under a lock in one transaction, so a second tab, a double click
+or a retry finds the step done.
 """
 
 from __future__ import annotations
@@ -30,16 +30,16 @@ from .state_view import State
 
 
 def current(app: AppContext, token: str) -> State:
-    """Where the session is."""
+    """The state of the session."""
     with app.database.read() as db:
         return session_state.describe(app, db, lookup.find(app, db, token))
 
 
 def consent(app: AppContext, token: str, version: str, *, successor: str | None = None) -> State:
-    """Agree to the consent of `version`. Raises StaleConsent if the text is another one now.
+    """Agree to version `version` of the consent. Raises StaleConsent if the text has changed.
 
-    successor: the token that takes this one's place at the first consent, with its own receipt.
-    Before consent somebody may have planted a token that they know in the browser.
+    successor: the token, with its own receipt code, that replaces this one at the first consent.
+    Before the consent, an attacker may have planted a token that they know in the browser.
     """
     with app.database.write() as db:
         session = lookup.find(app, db, token, to_write=True)
@@ -70,10 +70,10 @@ def consent(app: AppContext, token: str, version: str, *, successor: str | None 
 
 
 def successor_of(app: AppContext, token: str, browser: str) -> str:
-    """The token that takes this one's place when its browser agrees.
+    """The token that replaces this one at the consent.
 
-    browser: the secret in a cookie of the browser, which with the server's own makes it the same
-    for a form that is sent twice.
+    browser: the secret in the browser's cookie. With it the token is derived, so a form that is
+    sent twice gets the same one; otherwise it is random.
     """
     if not is_secret(browser):
         return new_secret()
@@ -83,9 +83,10 @@ def successor_of(app: AppContext, token: str, browser: str) -> str:
 def go_on(
     app: AppContext, token: str, device: Device | None = None, *, leaving: str | None = None
 ) -> State:
-    """Leave a page that only has to be left. Raises a ProtocolError that says what is missing.
+    """Leave a page that needs no input. Raises a ProtocolError that says what is missing.
 
-    leaving: the stage to be left, where it is known. If it was left before, nothing is done.
+    device: the measurements of the device check, at that stage. leaving: the stage that the page
+    shows; if the session has left it, nothing is changed.
     """
     with app.database.write() as db:
         session = lookup.find(app, db, token, to_write=True)
@@ -104,7 +105,7 @@ def go_on(
 
 
 def screen_out(app: AppContext, token: str) -> State:
-    """End a session whose person has no device that passes the check. Raises OutOfOrder."""
+    """End a session whose device does not pass the check. Raises OutOfOrder."""
     with app.database.write() as db:
         session = lookup.find(app, db, token, to_write=True)
         lookup.advance(app, session, protocol.ScreenedOut())
@@ -112,7 +113,7 @@ def screen_out(app: AppContext, token: str) -> State:
 
 
 def _measures(session: SessionRow, device: Device) -> list[Event]:
-    """What the device check has measured, kept among the events of no trial."""
+    """The measurements of the device check as events of no trial."""
     measured = {
         "device_width_px": device.width_px,
         "device_mbit_s": device.mbit_s,
@@ -132,7 +133,10 @@ def _measures(session: SessionRow, device: Device) -> list[Event]:
 
 
 def watch(app: AppContext, token: str, index: int) -> State:
-    """A video of the familiarisation was watched to its end. The same again changes nothing."""
+    """Record that a familiarisation video was watched to the end.
+
+    A repeated call changes nothing.
+    """
     with app.database.write() as db:
         session = lookup.find(app, db, token, to_write=True)
         if session.stage != Stage.FAMILIARISATION:

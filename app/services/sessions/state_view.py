@@ -1,6 +1,6 @@
-"""What a session's own browser may know: its stage, and what that stage shows.
+"""STATE: the stage of a session and what that stage shows, as its browser may see it.
 
-No parameter, score, method or condition is in here, and recordings are addresses that say nothing.
+It contains no parameter, score, method or condition, and the addresses of recordings are opaque.
 """
 
 from __future__ import annotations
@@ -34,16 +34,16 @@ from .queries import OpenQuery
 
 State = dict[str, Any]
 
-#: Stages that nothing leads out of.
+#: The final stages.
 ENDED = tuple(stage.value for stage in FINAL_STAGES)
 
 
 def describe(
     app: AppContext, db: Session, session: SessionRow, trial: OpenQuery | None = None
 ) -> State:
-    """STATE, as the contract has it, of a session.
+    """The STATE of a session, as the API defines it.
 
-    trial: where the trial with the open query stands, if whoever asks has just brought it there.
+    trial: the open query, if the caller has it at hand; otherwise it is read.
     """
     plan = stored_plan(session.plan)
     progress = read_progress(session)
@@ -56,7 +56,7 @@ def describe(
     written = stored_texts(session.plan)[session.language]
     changed = consents.due(db, session)
     if changed is not None:
-        # Agreed to another text: asked again, and nothing else until then.
+        # The consent has changed: nothing else is shown until the person agrees to it.
         state["stage"] = Stage.CONSENT.value
         state["consent"] = consents.text(stored_texts(changed)[session.language])
         if progress.stage is not Stage.CONSENT:
@@ -94,7 +94,7 @@ def describe(
         case Stage.DEBRIEF:
             state["debrief"] = {"html": rendered(written["debrief"])}
         case Stage.COMPLETED | Stage.SCREENED_OUT | Stage.WITHDRAWN | Stage.DECLINED:
-            # A code is worth money: only who took part is given one.
+            # A completion code is worth money, so only live sessions get one.
             way_back = completion.at_the_end(db, session, plan) if session.mode == LIVE else None
             if way_back is not None:
                 state[progress.stage.value] = way_back
@@ -102,7 +102,7 @@ def describe(
 
 
 def study_of(plan: Plan, slug: str, language: str) -> dict[str, Any]:
-    """What every page may say of the study; `stages` are those that it has, in their order."""
+    """The `study` of STATE: what every page may show. `stages` are those of the plan, in order."""
     asks = plan.items(AFTER_TRIAL) or plan.items(AT_THE_END)
     optional = {
         Stage.DEVICE_CHECK: plan.device_check is not None,
@@ -125,13 +125,14 @@ def study_of(plan: Plan, slug: str, language: str) -> dict[str, Any]:
 
 
 def read_progress(session: SessionRow) -> Progress:
+    """The session's progress as the protocol's value."""
     return Progress(
         Stage(session.stage), session.trial_index, session.query_index, session.break_ends_at
     )
 
 
 def store_progress(session: SessionRow, progress: Progress) -> None:
-    """Write where a session is into its row."""
+    """Write the protocol's progress into the session's row."""
     session.stage = progress.stage.value
     session.trial_index = progress.trial_index
     session.query_index = progress.query_index
@@ -140,6 +141,7 @@ def store_progress(session: SessionRow, progress: Progress) -> None:
 
 @lru_cache(maxsize=256)
 def rendered(markdown: str) -> str:
+    """The HTML of a Markdown text, cached."""
     return study_markdown.render(markdown)
 
 
@@ -176,7 +178,7 @@ def _questionnaire(plan: Plan, page: int, language: str) -> dict[str, Any]:
 
 
 def _skip(plan: Plan, session: SessionRow, trial_index: int) -> dict[str, str] | None:
-    """The skip button of a trial: its label, where there is one."""
+    """The skip button's label in a trial; None if the trial offers no skip."""
     skip = plan.conditions[session.trial_conditions[trial_index]].skip
     return None if skip is None else {"label": plan.text(skip.label, session.language)}
 

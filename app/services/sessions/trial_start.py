@@ -1,4 +1,4 @@
-"""How a trial begins: what a stage on the way to it prepares, its seed, and its first query."""
+"""The start of a trial: its row, its seed and its first query."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from . import familiarisation, queries
 
 
 def enter_stage(app: AppContext, db: Session, session: SessionRow) -> None:
-    """Prepare what the stage that the session has come to will show."""
+    """Prepare the stage that the session has entered: its trial and first query, or its videos."""
     if session.stage == Stage.QUERY:
         _begin(app, db, session)
     elif session.stage == Stage.PRACTICE:
         _begin_practice(app, db, session)
     elif session.stage in (Stage.BREAK, Stage.FAMILIARISATION):
-        # Whoever goes on from here finds the first pair made.
+        # Rendered ahead, so that the first pair is ready when the person continues.
         first = first_query(app, session)
         coming = [first.left, first.right]
         plan = repository.plan_of(session)
@@ -36,7 +36,7 @@ def enter_stage(app: AppContext, db: Session, session: SessionRow) -> None:
 
 
 def _begin(app: AppContext, db: Session, session: SessionRow) -> None:
-    """Store the trial that the session has come to, with its first query."""
+    """Store the trial that the session has entered, with its first query."""
     first = first_query(app, session)
     condition = repository.stored_plan(session.plan).conditions[
         session.trial_conditions[session.trial_index]
@@ -58,7 +58,7 @@ def _begin(app: AppContext, db: Session, session: SessionRow) -> None:
 
 
 def _begin_practice(app: AppContext, db: Session, session: SessionRow) -> None:
-    """Store the practice, with its first query."""
+    """Store the practice trial, with its first query."""
     now = app.now()
     trial = Trial(
         session_id=session.id,
@@ -78,20 +78,18 @@ def _begin_practice(app: AppContext, db: Session, session: SessionRow) -> None:
 
 
 def practice_query(app: AppContext, session: SessionRow, query_index: int) -> ProposedQuery:
-    """The practice's query at this place."""
-    in_hand = queries.trial_spec(
-        session, PRACTICE_INDEX, queries.trial_seed(session, PRACTICE_INDEX)
-    )
-    space = app.proposer.candidate_set(in_hand.study_id, in_hand.environment)
-    return practice_pairs.pair(space, in_hand.seed, query_index)
+    """The practice query with this index."""
+    spec = queries.trial_spec(session, PRACTICE_INDEX, queries.trial_seed(session, PRACTICE_INDEX))
+    candidate_set = app.proposer.candidate_set(spec.study_id, spec.environment)
+    return practice_pairs.pair(candidate_set, spec.seed, query_index)
 
 
 def first_query(app: AppContext, session: SessionRow) -> ProposedQuery:
-    """The first query of that trial: drawn at random, with no model to fit."""
-    in_hand = queries.trial_spec(
+    """The first query of the session's current trial. It is random, so no model is fitted."""
+    spec = queries.trial_spec(
         session, session.trial_index, queries.trial_seed(session, session.trial_index)
     )
-    first = app.proposer.step(in_hand, ()).next
+    first = app.proposer.step(spec, ()).next
     assert first is not None
     return first
 
@@ -99,13 +97,14 @@ def first_query(app: AppContext, session: SessionRow) -> ProposedQuery:
 def query_row(
     following: ProposedQuery, now: datetime, trial_id: int | None = None, attempt: int = 0
 ) -> QueryRow:
+    """A query's row, not yet added to a transaction."""
     return QueryRow(**query_columns(following, now, trial_id, attempt))
 
 
 def query_columns(
     following: ProposedQuery, now: datetime, trial_id: int | None = None, attempt: int = 0
 ) -> dict[str, Any]:
-    """A query, to be stored before it is shown."""
+    """The columns of a query that is asked now."""
     return {
         "trial_id": trial_id,
         "public_id": new_public_id(),

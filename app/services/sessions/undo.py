@@ -1,7 +1,7 @@
-"""Taking a response back, for some seconds after it was given.
+"""Undo of a response within some seconds.
 
-What was pressed is kept, marked as taken back; what it taught is gone, and so is the query that
-followed from it. The session is back at its query.
+The response is kept and marked as undone. Its derived rows and the query that followed it are
+deleted, and the session returns to its query.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ from .state_view import State
 
 
 def undo(app: AppContext, token: str, query_id: str) -> State:
-    """Take back the response to this query. The same again changes nothing.
+    """Undo the response to this query. A repeated call changes nothing.
 
-    Raises TooLateToUndoError, or OutOfOrder once the trial or the session has moved on.
+    Raises TooLateToUndoError, or OutOfOrder after the trial or the session has moved on.
     """
     with app.database.write() as db:
         session = lookup.find(app, db, token, to_write=True)
@@ -58,6 +58,7 @@ def undo(app: AppContext, token: str, query_id: str) -> State:
 
 
 def _record_undone(db: Session, query: QueryRow, now: datetime) -> None:
+    """Move the response to the undone ones, and delete its derived rows."""
     assert query.response is not None
     db.add(
         UndoneResponse(
@@ -71,9 +72,9 @@ def _record_undone(db: Session, query: QueryRow, now: datetime) -> None:
     )
     query.response = None
     here = query.query_index
-    # It is the last response: what was drawn from it is what skips before it had waited for.
-    taught = or_(PreferenceRow.query_index == here, PreferenceRow.drawn_from_query_index == here)
-    db.execute(delete(PreferenceRow).where(PreferenceRow.trial_id == query.trial_id, taught))
+    # It is the last response, so preferences drawn from it are its own and those of earlier skips.
+    derived = or_(PreferenceRow.query_index == here, PreferenceRow.drawn_from_query_index == here)
+    db.execute(delete(PreferenceRow).where(PreferenceRow.trial_id == query.trial_id, derived))
     db.execute(
         delete(Acquired).where(Acquired.trial_id == query.trial_id, Acquired.query_index == here)
     )

@@ -1,4 +1,4 @@
-"""Which response may be taken back now, and for how long: one rule for what is offered and done."""
+"""Which response may be undone now, and for how long; used for the offer and for the act."""
 
 from __future__ import annotations
 
@@ -15,24 +15,24 @@ from app.study.time_left import seconds_left
 from . import queries
 from .queries import OpenQuery
 
-#: The page counts from when the state arrived there: this much later it may still ask, in seconds.
+#: Seconds after the deadline in which undo is accepted: the page counts from the state's arrival.
 GRACE_S = 3.0
 
 
 @dataclass(frozen=True)
 class Offer:
-    """query: whose response may be taken back. seconds_left: what a page may still count down."""
+    """query: the one whose response may be undone. seconds_left: for the countdown on the page."""
 
     query: QueryRow
     seconds_left: float
 
 
 def find(db: Session, session: SessionRow, trial: OpenQuery, now: datetime) -> Offer | None:
-    """The response that may be taken back, or None.
+    """The response that may be undone, or None.
 
-    It is the one just before the trial's open query, given within `undo_s` seconds and the grace,
-    if nothing has happened to the open query: with that query, what is kept of it would go.
-    Answers of the practice count for nothing, and are not taken back.
+    It is that of the query before the open one, given within `undo_s` seconds and the grace period,
+    if the open query has no history of its own, such as an attempt that was set aside, which would
+    be deleted with it. Responses of the practice do not count and cannot be undone.
     """
     undo_s = stored_plan(session.plan).query.undo_s
     if not undo_s or session.stage != Stage.QUERY or trial.attempt > 0:
@@ -44,7 +44,7 @@ def find(db: Session, session: SessionRow, trial: OpenQuery, now: datetime) -> O
     in_all = seconds_left(undo_s + GRACE_S, ends_at + timedelta(seconds=GRACE_S), now)
     if in_all <= 0:
         return None
-    # A query that was just opened has nothing that could have been taken back.
+    # A query that was just opened cannot have an undone response.
     if trial.just_answered is None and queries.was_undone(db, trial.public_id):
         return None
     return Offer(before, max(in_all - GRACE_S, 0.0))

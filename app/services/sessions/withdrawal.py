@@ -1,8 +1,8 @@
-"""Leaving a study: to stop, and to have deleted what one gave.
+"""Withdrawal from a study, with or without the deletion of the person's data.
 
-Deletion is real. The person's sessions go with everything that hangs on them, and so do their
-pseudonym and what a platform calls them; what was worked out from their answers is forgotten. For
-the count there remains that a session was deleted, on which day, and how far it had come.
+Deletion is real: the sessions go with all dependent rows, the pseudonym and the platform ids, and
+computed results leave the caches. A tombstone without personal data keeps the day and the last
+stage, for counting.
 """
 
 from __future__ import annotations
@@ -24,7 +24,10 @@ from .state_view import State
 
 
 def withdraw(app: AppContext, token: str) -> State:
-    """Stop, and leave what was answered. Before consent: decline, and leave no platform's id."""
+    """End the session and keep the responses.
+
+    Before the consent: decline, and delete platform ids.
+    """
     with app.database.write() as db:
         session = lookup.find(app, db, token, to_write=True)
         lookup.advance(app, session, protocol.Withdrew())
@@ -36,9 +39,9 @@ def withdraw(app: AppContext, token: str) -> State:
 
 
 def withdraw_and_delete(app: AppContext, token: str) -> State:
-    """Stop, at any stage, and delete what the person gave. The token is worth nothing then.
+    """End the session at any stage and delete the person's data; the token becomes invalid.
 
-    Raises ForbiddenError for a browser that was let in by a platform's ids.
+    Raises ForbiddenError for a browser that was let in by platform ids.
     """
     with app.database.write() as db:
         session = lookup.find(app, db, token, to_write=True, even_expired=True)
@@ -53,7 +56,7 @@ def withdraw_and_delete(app: AppContext, token: str) -> State:
         state = {**session_state.describe(app, db, session), "deleted": True}
         if state["stage"] != Stage.DECLINED:
             state["stage"] = Stage.WITHDRAWN.value
-        # As it was before this very request: that is how far the person came.
+        # Restored for the tombstone, which counts how far the person came.
         session.stage = came_to
         seeds = deletion.delete_person(app, db, session.participant_id)
     deletion.purge_traces(app, seeds)
@@ -61,18 +64,20 @@ def withdraw_and_delete(app: AppContext, token: str) -> State:
 
 
 def is_receipt(app: AppContext, slug: str, receipt: str) -> bool:
-    """Whether something is kept under this receipt code."""
+    """Whether a session of the study has this receipt code."""
     with app.database.read() as db:
         return receipts.session_of_receipt(db, slug, receipt) is not None
 
 
 def delete_by_receipt(app: AppContext, slug: str, receipt: str, actor: str | None = None) -> None:
-    """Delete what the holder of this receipt gave. Raises NotFoundError if nobody has it.
+    """Delete the data of the person with this receipt code.
 
-    Whoever tries receipts at random would need 2^76 of them: no limit on tries is needed, and so
-    nothing has to be kept of those who try.
+    Raises NotFoundError if no session has it.
 
-    actor: the experimenter whom the person asked to do it; None: the person did.
+    A receipt code cannot be guessed in fewer than about 2^76 attempts, so they need no limit, and
+    nothing is stored of a failed one.
+
+    actor: the experimenter who acts at the person's request; None if the person acts.
     """
     with app.database.write() as db:
         row = receipts.session_of_receipt(db, slug, receipt)
@@ -85,9 +90,9 @@ def delete_by_receipt(app: AppContext, slug: str, receipt: str, actor: str | Non
 
 
 def delete_participant(app: AppContext, slug: str, pseudonym: str, actor: str) -> None:
-    """Delete a person at their wish, by their pseudonym. Raises NotFoundError.
+    """Delete a participant's data at their request, by pseudonym. Raises NotFoundError.
 
-    The audit trail tells that somebody was deleted, and not who.
+    The audit log records that a participant was deleted, but not which.
     """
     with app.database.write() as db:
         participant_id = db.scalar(

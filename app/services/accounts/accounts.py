@@ -48,9 +48,7 @@ class Role(StrEnum):
 
 
 class Scope(StrEnum):
-    """What an API token permits: reading and exporting, platform ids, or all that its account
-    may.
-    """
+    """What an API token permits: reading and exporting, platform ids, or everything."""
 
     READ = "read"
     IDENTITIES = "identities"

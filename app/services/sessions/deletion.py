@@ -70,7 +70,7 @@ def delete_session(
 
 
 def purge_traces(app: AppContext, seeds: frozenset[int]) -> None:
-    """Evict deleted trials from the caches and overwrite deleted content in the database file."""
+    """Evict deleted trials from the caches, and scrub deleted rows from the database file."""
     app.proposer.purge(seeds)
     app.recordings.clear_session_cache()
     app.database.scrub()

@@ -1,8 +1,8 @@
-"""Who may do what with a study: roles, ownership and sharing, checked in one place.
+"""Access control for studies: roles, ownership and sharing, checked in one place.
 
-An admin may do everything. An experimenter may do everything with studies of their own, and all but
-share and delete with those shared with them; other people's do not exist for them. A reviewer
-reads every study's design, and no data.
+An admin has every right. An experimenter has every right to their own studies, and all but sharing
+and deletion to those shared with them; other studies do not exist for them. A reviewer may read the
+design of every study, and no data.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from . import repository
 
 
 class Right(StrEnum):
-    """What may be done with a study."""
+    """A right to a study."""
 
     DESIGN = "see the design of"
     DATA = "see the data of"
@@ -30,7 +30,7 @@ class Right(StrEnum):
     OWN = "share or delete"
 
 
-#: What each kind of membership to a study allows.
+#: The rights that each role and each kind of membership gives.
 _ALLOWS: dict[str, frozenset[Right]] = {
     Role.ADMIN: frozenset(Right),
     Role.REVIEWER: frozenset({Right.DESIGN}),
@@ -42,7 +42,8 @@ _ALLOWS: dict[str, frozenset[Right]] = {
 def study_for(app: AppContext, caller: Principal, slug: str, right: Right) -> repository.StudyInfo:
     """The study, if the caller has this right.
 
-    Raises NotFoundError if it does not exist for the caller, ForbiddenError if it does.
+    Raises NotFoundError if the study does not exist for the caller, and ForbiddenError if it does
+    but the right, or the scope of the caller's token, is missing.
     """
     with app.database.read() as db:
         info = repository.read(db, slug)
@@ -56,7 +57,7 @@ def study_for(app: AppContext, caller: Principal, slug: str, right: Right) -> re
 
 
 def studies_for(app: AppContext, caller: Principal) -> list[repository.StudyInfo]:
-    """Every study that exists for the caller, the newest first."""
+    """All studies that exist for the caller, the newest first."""
     with app.database.read() as db:
         mine = set(
             db.scalars(
@@ -68,7 +69,7 @@ def studies_for(app: AppContext, caller: Principal) -> list[repository.StudyInfo
 
 
 def may(app: AppContext, caller: Principal, slug: str, right: Right) -> bool:
-    """Whether the caller has this right to the study, with what they show."""
+    """Whether the caller has this right to the study, the scope of their token included."""
     try:
         study_for(app, caller, slug, right)
     except (NotFoundError, ForbiddenError):
@@ -77,22 +78,23 @@ def may(app: AppContext, caller: Principal, slug: str, right: Right) -> bool:
 
 
 def rights(app: AppContext, caller: Principal, slug: str) -> frozenset[Right]:
-    """All that the caller may do with this study: for pages that show only what can be done."""
+    """The caller's rights to this study, for pages that show only permitted actions."""
     with app.database.read() as db:
         return _rights_of(db, caller, repository.read(db, slug).id)
 
 
 def may_change(db: Session, caller: Principal, study_id: int) -> bool:
-    """Whether the caller may change this study: for use cases within their own transaction."""
+    """Whether the caller may change this study, within the transaction of `db`."""
     return Right.CHANGE in _rights_of(db, caller, study_id)
 
 
 def may_make_studies(caller: Principal) -> bool:
-    """Whether the caller may set studies up."""
+    """Whether the caller may create studies."""
     return caller.role is not Role.REVIEWER and caller.scope is Scope.WRITE
 
 
 def _rights_of(db: Session, caller: Principal, study_id: int) -> frozenset[Right]:
+    """The rights that the caller's role and membership give to this study."""
     by_role = _ALLOWS.get(caller.role, frozenset())
     membership = db.scalar(
         select(StudyAccess.access).where(
@@ -105,6 +107,7 @@ def _rights_of(db: Session, caller: Principal, study_id: int) -> frozenset[Right
 
 
 def _check_scope(caller: Principal, right: Right) -> None:
+    """Raise ForbiddenError if the right needs a wider scope than the caller's token has."""
     if right is Right.IDENTITIES and caller.scope is Scope.READ:
         raise ForbiddenError(
             "expected an API token of the scope identities or write, and this one may only read"

@@ -1,4 +1,4 @@
-"""How well candidates do, where the experimenter's table of videos says so."""
+"""Scores of candidates, from the score column of the experimenter's recordings table."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from app.storage.models.studies import Candidate, Recording
 
 
 def mean_scores(db: Session, study_id: int) -> dict[tuple[str, int], float]:
-    """The mean score of each candidate's recordings that have one, by environment and index."""
+    """The mean score of each candidate's scored recordings, by environment and candidate index."""
     rows = db.execute(
         select(Candidate.environment, Candidate.candidate_index, func.avg(Recording.score))
         .join(Recording, Recording.candidate_id == Candidate.id)

@@ -1,7 +1,7 @@
-"""What is left of a deleted study: that it is gone, and the way back for those who were in it.
+"""Records of deleted studies, so that their participants still get a return link.
 
-Nothing of a person is kept. A session's random token leaves a hash, by which the browser that has
-the token can be given the platform's technical code; after 30 days that goes, too.
+No personal data is kept. The hash of a session's random token remains, by which the browser that
+holds the token gets the platform's technical code; it is deleted after 30 days.
 """
 
 from __future__ import annotations
@@ -22,23 +22,26 @@ from app.study import recruitment
 
 from . import repository, session_modes
 
-#: For how long those who were in a study can be given its code.
+#: How long participants of a deleted study can get its code.
 _CODE_KEPT = timedelta(days=30)
 
-#: Ways of ending that a platform has been told of, or that were the person's own.
+#: Outcomes that the platform knows, or that the participant chose: no code is due.
 _SETTLED = ("declined", "withdrawn", "screened_out")
 
 
 @dataclass(frozen=True)
 class Deleted:
-    """A study that is gone. way_back: for whoever asks, if they were in it."""
+    """A deleted study.
+
+    way_back: the return link, if the caller's token belonged to a session of it.
+    """
 
     slug: str
     way_back: dict[str, Any] | None
 
 
 def note(db: Session, study: Study, at: datetime) -> None:
-    """Keep that this study is deleted. Call it before its rows are."""
+    """Record the deletion of this study. Has to be called before its rows are deleted."""
     db.execute(delete(DeletedStudy).where(DeletedStudy.slug == study.slug))
     day = at.replace(hour=0, minute=0, second=0, microsecond=0)
     way_back = recruitment.described(
@@ -63,9 +66,9 @@ def note(db: Session, study: Study, at: datetime) -> None:
 
 
 def find(app: AppContext, slug: str | None, token: str | None) -> Deleted | None:
-    """The deleted study of this address, or that the token was of; None if there is none such.
+    """The deleted study with this slug, or with a session of this token; None if there is none.
 
-    A study of the same address that is there by now is not deleted.
+    A slug that a new study has taken is not that of a deleted one.
     """
     with app.database.read() as db:
         if token is not None:
@@ -84,7 +87,7 @@ def find(app: AppContext, slug: str | None, token: str | None) -> Deleted | None
 
 
 def sweep(app: AppContext) -> int:
-    """Forget the sessions of studies that were deleted long ago; how many."""
+    """Delete the session hashes of studies deleted more than 30 days ago; return their number."""
     old = select(DeletedStudy.id).where(DeletedStudy.deleted_on <= app.now() - _CODE_KEPT)
     with app.database.write() as db:
         gone = db.scalars(
@@ -96,5 +99,5 @@ def sweep(app: AppContext) -> int:
 
 
 def _key(token_hash: str) -> str:
-    """Not the hash that a backup of the study holds: the two cannot be joined without the token."""
+    """A hash other than the one in backups, so that the two cannot be joined without the token."""
     return hashlib.sha256(f"session of a deleted study:{token_hash}".encode()).hexdigest()

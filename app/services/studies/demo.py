@@ -1,4 +1,4 @@
-"""The demo: the shipped study, open, with an account made for this data folder alone."""
+"""The demo: the shipped study, opened, with an account and token of this data folder."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ ACCESS_FILE = "access.json"
 
 @dataclass(frozen=True)
 class Access:
-    """How to get into the demo; kept in `access.json`, which only its owner may read."""
+    """The addresses and credentials of the demo, as stored in `access.json` (mode 0600)."""
 
     participant_url: str
     experimenter_url: str
@@ -32,7 +32,7 @@ class Access:
 
 
 def prepare(app: AppContext, base_url: str) -> Access:
-    """Set up what is missing, and write `access.json`. A second start reuses what is there."""
+    """Create what is missing and write `access.json`. A second start reuses what exists."""
     try:
         study = repository.find(app, STUDY)
     except NotFoundError:

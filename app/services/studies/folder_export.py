@@ -1,4 +1,4 @@
-"""A stored study as a folder again: to be made another study of, or the same one anew."""
+"""Writes a stored study back to a folder, from which a copy or a replacement can be created."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ from . import repository
 
 
 def write_folder(app: AppContext, slug: str, folder: Path, new_slug: str) -> None:
-    """Write the study's plan under another slug, its texts, tables and videos into a new folder.
+    """Write the study's plan under `new_slug`, its texts, tables and videos into a new folder.
 
-    Raises ConflictError if a video is missing.
+    Raises NotFoundError, or ConflictError if a video is missing.
     """
     study = repository.find(app, slug)
     plan = study.plan.model_copy(update={"slug": new_slug})
@@ -50,7 +50,7 @@ def _write_table(
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow([*names, FILE_COLUMN, SCORE_COLUMN])
         for candidate, recording in _recordings(app, study_id, environment):
-            assert recording.file is not None  # a file has a name
+            assert recording.file is not None  # only crane recordings have none
             if not app.recordings.copy_to(recording, folder / recording.file):
                 raise ConflictError(
                     f"expected the video {recording.file!r} among the studio's, it is missing"

@@ -1,4 +1,4 @@
-"""What becomes of a study once it is there: paused, gone on with, narrowed, deleted."""
+"""The lifecycle of a study after its creation: pause, resume, switch conditions, delete."""
 
 from __future__ import annotations
 
@@ -19,7 +19,10 @@ from .repository import StudyInfo
 
 
 def pause(app: AppContext, slug: str, actor: str = audit_log.COMMAND_LINE) -> StudyInfo:
-    """Let nobody in for a while; whoever is in it goes on. Raises ConflictError."""
+    """Admit no new sessions for a while; sessions under way continue.
+
+    Raises NotFoundError, or ConflictError unless the study is open.
+    """
     with app.database.write() as db:
         study = _lock_open_study(db, slug)
         if study.paused_at is None:
@@ -29,7 +32,7 @@ def pause(app: AppContext, slug: str, actor: str = audit_log.COMMAND_LINE) -> St
 
 
 def resume(app: AppContext, slug: str, actor: str = audit_log.COMMAND_LINE) -> StudyInfo:
-    """Let people in again. Raises ConflictError unless the study is open."""
+    """End a pause. Raises NotFoundError, or ConflictError unless the study is open."""
     with app.database.write() as db:
         study = _lock_open_study(db, slug)
         if study.paused_at is not None:
@@ -46,11 +49,11 @@ def switch_conditions(
     *,
     base: Sequence[str] | None = None,
 ) -> StudyInfo:
-    """Give new sessions only these conditions; sessions under way keep theirs.
+    """Assign only these conditions to new sessions; sessions under way keep theirs.
 
-    base: those that were off when the choice was made. Raises ChangedMeanwhileError if others are
-    off by now, and ConflictError if none would be left, if one is not the study's, or if blocks
-    would come to differ in length.
+    on: names of the conditions. base: the conditions that were off when the choice was made. Raises
+    ChangedMeanwhileError if others are off by now, and ConflictError if no condition would be left,
+    if a name is unknown, or if blocks would differ in length.
     """
     with app.database.write() as db:
         study = repository.lock_study(db, slug)
@@ -82,11 +85,11 @@ def switch_conditions(
 def delete(
     app: AppContext, slug: str, actor: str = audit_log.COMMAND_LINE, *, typed: str = ""
 ) -> None:
-    """Delete a study with its people, their identities and its videos; the audit trail remains.
+    """Delete a study with its participants, their ids and its videos; the audit log is kept.
 
-    A draft goes at once. A closed study goes if `typed` is its slug: its data is gone for good.
-    Raises ConflictError for an open study, or where something else was typed, and StoreAwayError,
-    before anything is deleted, while its videos cannot be.
+    A closed study needs its slug as `typed`, since its data is lost; a draft does not. Raises
+    ConflictError for an open study or a wrong `typed`, and StoreAwayError, before anything is
+    deleted, if its videos cannot be deleted now.
     """
     app.recordings.require_reachable()
     with app.database.write() as db:
@@ -97,7 +100,7 @@ def delete(
             raise ConflictError(f"expected {slug!r} typed to delete it, got {typed!r}")
         status, digest = study.status, study.plans[-1].plan_hash
         seeds, files, number = _contents(db, study.id)
-        # With its people: a draft has none, and is made and thrown away at will.
+        # A draft has no live participants, so its deletion need not outlive a restore.
         if status == repository.CLOSED:
             key = deletion_log.study_key(slug, study.created_at)
             app.deletion_log.note(app.now(), deletion_log.STUDY, [key])
@@ -121,6 +124,7 @@ def delete(
 
 
 def _lock_open_study(db: Session, slug: str) -> Study:
+    """Lock the study's row. Raises NotFoundError, or ConflictError unless the study is open."""
     study = repository.lock_study(db, slug)
     if study.status != repository.OPEN:
         raise ConflictError(f"expected an open study, and {slug!r} is {study.status}")
@@ -128,7 +132,7 @@ def _lock_open_study(db: Session, slug: str) -> Study:
 
 
 def _contents(db: Session, study_id: int) -> tuple[frozenset[int], set[str], int]:
-    """The seeds of a study's trials, the files of its own videos, and how many sessions it has."""
+    """The seeds of a study's trials, the names of its own videos, and its number of sessions."""
     seeds = db.scalars(
         select(Trial.seed)
         .join(SessionRow, Trial.session_id == SessionRow.id)

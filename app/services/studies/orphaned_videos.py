@@ -1,9 +1,9 @@
-"""Studies' own videos that no study has any more: which they may be, and when they go.
+"""Garbage collection of uploaded videos that no study refers to.
 
-Videos are put where they are kept before the database knows of their study, and a draft that is
-made again leaves those that it has no more. Their names are noted in the data folder, and a day
-later what is noted and in no study is thrown away. Nothing else that lies there is looked at: the
-folder, or the store, may be another studio's too, such as of one that was restored to try it.
+Videos are stored before the database knows of their study, and replacing a draft leaves those that
+the new one does not have. Their names are written to note files in the data folder. A day later,
+the noted videos that no study refers to are deleted. Other files are never touched: the folder or
+bucket may be shared with another installation, such as a restored copy.
 """
 
 from __future__ import annotations
@@ -23,18 +23,19 @@ from app.services.runtime.ids import new_public_id
 from app.storage.models.studies import Candidate, Recording
 
 _FOLDER = "left-videos"
-#: Endings of notes: of a study that is being put together, and of what may be in none.
+#: Endings of note files: for videos of a study that is being stored, and for orphans.
 _IN_USE, _ORPHANED = ".under-way", ".left"
 
-#: No study takes so long to be stored.
+#: The age at which a note is acted on; storing a study takes less.
 _STORED_WITHIN = timedelta(days=1)
 
 
 @contextmanager
 def mark_in_use(app: AppContext, names: Collection[str]) -> Iterator[None]:
-    """Within this a study with these videos is put together, and nobody throws them away.
+    """Context in which these videos are not collected, while their study is being stored.
 
-    Left by an exception, it leaves them to `sweep`. Raises StoreAwayError if they cannot be noted.
+    An exception turns them into candidates for `sweep`. Raises StoreAwayError if the note file
+    cannot be written.
     """
     if not names:
         yield
@@ -50,7 +51,10 @@ def mark_in_use(app: AppContext, names: Collection[str]) -> Iterator[None]:
 
 
 def mark_orphaned(app: AppContext, names: Collection[str]) -> None:
-    """Have `sweep` look, in a day, whether any study still has these. Raises StoreAwayError."""
+    """Note these videos for `sweep`, which checks a day later whether a study refers to them.
+
+    Raises StoreAwayError if the note file cannot be written.
+    """
     if names:
         _note(app, names, _ORPHANED)
 
@@ -67,8 +71,8 @@ def of_study(db: Session, study_id: int) -> set[str]:
 
 
 def unreferenced(app: AppContext, db: Session, names: Collection[str]) -> set[str]:
-    """Those that no study has, nor one that is being put together."""
-    # First: who is done meanwhile is in the database.
+    """Those names that no study refers to, and none that is being stored."""
+    # Read before the database: a study stored in between is then found there.
     in_use = [
         _noted(path) for path in _notes(app) if path.suffix == _IN_USE and not _is_old(app, path)
     ]
@@ -77,9 +81,10 @@ def unreferenced(app: AppContext, db: Session, names: Collection[str]) -> set[st
 
 
 def sweep(app: AppContext, stop: Callable[[], bool] = lambda: False) -> int:
-    """Throw away what is left; how many videos. stop: asked before each note; True ends it.
+    """Delete the noted videos that are unreferenced; return their number.
 
-    Raises StoreAwayError; what could not be thrown away is tried again the next time.
+    stop: checked before each note file; True ends the run. Raises StoreAwayError; what could not be
+    deleted is tried again in the next run.
     """
     gone = 0
     for path in _notes(app):
@@ -113,7 +118,7 @@ def _noted(path: Path) -> set[str]:
     try:
         return set(path.read_text(encoding="utf-8").split("\n")) - {""}
     except FileNotFoundError:
-        return set()  # its study has been stored meanwhile
+        return set()  # removed meanwhile, since its study has been stored
 
 
 def _is_old(app: AppContext, path: Path) -> bool:

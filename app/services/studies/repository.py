@@ -1,4 +1,4 @@
-"""Setting a study up, opening and closing it."""
+"""Studies in the database: creating drafts, reading, opening and closing."""
 
 from __future__ import annotations
 
@@ -30,32 +30,32 @@ from app.study.plan import Plan, plan_hash
 
 from . import orphaned_videos, slugs
 
-#: What a study says, by language and by what it is for, in Markdown.
+#: Markdown texts of a study, by language and name.
 Texts = Mapping[str, Mapping[str, str]]
 
 DRAFT = "draft"
 OPEN = "open"
 CLOSED = "closed"
 
-#: Whose a study is, and whom it is shared with.
+#: Kinds of membership of an account in a study.
 OWNER = "owner"
 SHARED = "shared"
 
-#: Versions of plans whose parsed form is cached: parsing one takes longer than a response may.
+#: How many parsed plan versions are cached; parsing one takes longer than a response may.
 MAX_PLANS = 256
-#: Plans and their texts by their hash, and plans narrowed to some conditions.
+#: Plans and texts by their hash, and plans reduced to some of their conditions.
 _plans: LRUCache[str, Plan] = LRUCache(MAX_PLANS)
 _texts: LRUCache[str, Texts] = LRUCache(MAX_PLANS)
 _narrowed_plans: LRUCache[tuple[str, frozenset[int]], Plan] = LRUCache(4 * MAX_PLANS)
 _lock = Lock()
 
-#: What the shipped crane's parameters are called, in the order of its candidates' columns.
+#: Names of the shipped crane's parameters, in the order of its candidates' columns.
 CRANE_PARAMETERS = ("w0", "w1")
 
 
 @dataclass(frozen=True)
 class StudyInfo:
-    """One study as its experimenter knows it."""
+    """A study with its newest plan version."""
 
     id: int
     slug: str
@@ -73,7 +73,7 @@ class StudyInfo:
 
 
 def settings_fault(settings: Mapping[str, Any]) -> str | None:
-    """What is wrong with a condition's optimiser settings, or None."""
+    """The error in a condition's optimiser settings as a sentence; None if they are valid."""
     try:
         OptimizerSettings.from_mapping(settings)
     except ValueError as error:
@@ -82,7 +82,10 @@ def settings_fault(settings: Mapping[str, Any]) -> str | None:
 
 
 def load_folder(name_or_path: str) -> study_folder.StudyFolder:
-    """Read a study's folder, or a shipped study by its name. Raises StudyFaults, all at once."""
+    """Read and validate a study's folder, or a shipped study by its name.
+
+    Raises StudyFaults with all validation errors.
+    """
     return study_folder.load(
         study_folder.resolve(name_or_path),
         settings_check=settings_fault,
@@ -99,16 +102,17 @@ def create(
     may_replace: Callable[[Session, int], bool] = lambda _session, _study_id: True,
     proof: slugs.Proof = slugs.NONE,
 ) -> StudyInfo:
-    """Store a study as a draft, in the rows of an earlier draft if that is the same study.
+    """Store a study as a draft, in place of an earlier draft that is proven to be the same study.
 
-    It is if it was made of the same folder, or if `proof` shows it.
+    That is the case if the draft was created from the same folder, or if `proof` shows it. An
+    earlier draft's owner and members are kept. A draft with the same plan, texts and recordings is
+    returned unchanged.
 
-    owner_id: the account whose study it will be; None leaves it to the admins. An earlier draft
-    hands its owner, and whom it was shared with, on. may_replace: whether the one who asks may
-    replace the draft of this id. A draft with the very same plan, texts and recordings stays.
+    owner_id: the account that will own the study; None leaves it to the admins. may_replace: called
+    with the session and the id of an earlier draft; whether the caller may replace it.
 
-    Raises SlugTakenError if another draft has the slug, and ConflictError if a study of that name
-    is open or was: its plan holds for good.
+    Raises SlugTakenError if another draft has the slug, and ConflictError if a study with the slug
+    is or was open, since its plan is final.
     """
     plan = folder.plan
     if plan.slug in slugs.RESERVED:
@@ -119,7 +123,7 @@ def create(
         videos = {video.name: video for video in made.values()}
         locators = {sha256: video.name for sha256, video in made.items()}
         with orphaned_videos.mark_in_use(app, videos.keys()):
-            # Videos first, under their content's names: one that nothing points to does no harm.
+            # Videos are stored first, named by their content: an unreferenced one does no harm.
             app.recordings.keep_files(videos)
             return _stored(app, folder, locators, owner_id, actor, may_replace, proof)
 
@@ -175,18 +179,19 @@ def _stored(
 
 
 def _members(db: Session, study_id: int) -> dict[int, str]:
-    """Whose a study is and whom it is shared with, by account."""
+    """The kinds of membership in a study, by account id."""
     members = db.scalars(select(StudyAccess).where(StudyAccess.study_id == study_id))
     return {access.account_id: access.access for access in members}
 
 
 def find(app: AppContext, slug: str) -> StudyInfo:
-    """The study called `slug`, under its newest plan."""
+    """The study with this slug, with its newest plan. Raises NotFoundError."""
     with app.database.read() as db:
         return read(db, slug)
 
 
 def read(db: Session, slug: str) -> StudyInfo:
+    """As `find`, within the transaction of `db`."""
     study = db.scalar(select(Study).where(Study.slug == slug))
     if study is None:
         raise NotFoundError(f"there is no study named {slug!r}")
@@ -194,24 +199,30 @@ def read(db: Session, slug: str) -> StudyInfo:
 
 
 def all_studies(app: AppContext) -> list[StudyInfo]:
-    """Every study, the newest first."""
+    """All studies, the newest first."""
     with app.database.read() as db:
         rows = db.scalars(select(Study).order_by(Study.created_at.desc(), Study.id.desc()))
         return [_info(study, study.plans[-1]) for study in rows]
 
 
 def open_study(app: AppContext, slug: str, actor: str = audit_log.COMMAND_LINE) -> StudyInfo:
-    """Let participants in. Opening an open study changes nothing."""
+    """Open a study for participants.
+
+    Opening an open study changes nothing. Raises NotFoundError.
+    """
     return _set_status(app, slug, OPEN, actor)
 
 
 def close_study(app: AppContext, slug: str, actor: str = audit_log.COMMAND_LINE) -> StudyInfo:
-    """Let nobody in any more; sessions under way may finish."""
+    """Admit no further sessions; sessions under way may finish.
+
+    Raises NotFoundError, or ConflictError for a draft.
+    """
     return _set_status(app, slug, CLOSED, actor)
 
 
 def lock_study(db: Session, slug: str) -> Study:
-    """The study's row, held for this transaction. Raises NotFoundError."""
+    """Lock the study's row until the transaction ends. Raises NotFoundError."""
     study = db.scalar(select(Study).where(Study.slug == slug).with_for_update())
     if study is None:
         raise NotFoundError(f"there is no study named {slug!r}")
@@ -227,15 +238,16 @@ def _delete_draft(db: Session, study: Study) -> None:
 
 
 def delete_row(db: Session, study: Study) -> None:
-    """Delete a study with all that hangs on it."""
+    """Delete a study with all dependent rows."""
     db.expunge(study)
-    # In the database, not row by row: what hangs on a study goes with it. Sessions go first, since
-    # their queries point at recordings, which PostgreSQL would not let go before them.
+    # Dependent rows are deleted by cascading foreign keys. Sessions go first: their queries refer
+    # to recordings, which PostgreSQL would not delete before them.
     db.execute(delete(SessionRow).where(SessionRow.study_id == study.id))
     db.execute(delete(Study).where(Study.id == study.id))
 
 
 def recording_count(app: AppContext, study_id: int) -> int:
+    """The number of a study's recordings."""
     with app.database.read() as db:
         return (
             db.scalar(
@@ -268,20 +280,21 @@ def _set_status(app: AppContext, slug: str, status: str, actor: str) -> StudyInf
 
 @cached(_plans, key=lambda version: version.plan_hash, lock=_lock)
 def stored_plan(version: PlanVersion) -> Plan:
-    """The plan of a stored version. A stored plan never changes, so it is parsed once."""
+    """The parsed plan of a version, cached, since a stored plan never changes."""
     return Plan.model_validate(version.plan)
 
 
 @cached(_texts, key=lambda version: version.plan_hash, lock=_lock)
 def stored_texts(version: PlanVersion) -> Texts:
-    """The texts of a stored version, which never change either."""
+    """The texts of a version, cached."""
     return version.texts
 
 
 def plan_of(session: SessionRow) -> Plan:
-    """The plan as far as this session goes through it: without conditions switched off before it.
+    """The plan without the conditions that were switched off when this session started.
 
-    For how many trials and blocks there are; a trial's condition is one of the whole plan's.
+    It gives the numbers of trials and blocks. `SessionRow.trial_conditions` are indices into the
+    conditions of the whole plan.
     """
     return _narrowed(
         session.plan.plan_hash, stored_plan(session.plan), frozenset(session.trial_conditions)
@@ -319,7 +332,7 @@ def _info(study: Study, version: PlanVersion) -> StudyInfo:
 
 @dataclass(frozen=True)
 class _CandidateRows:
-    """A candidate and its recordings, as the columns of their rows: there may be thousands."""
+    """Columns of a candidate's row and of its recordings' rows, for bulk inserts."""
 
     candidate: Mapping[str, Any]
     recordings: list[dict[str, Any]]

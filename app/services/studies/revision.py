@@ -1,8 +1,8 @@
-"""New texts for a study under way: a further version of its plan.
+"""Revises the texts of a study under way, as a new version of its plan.
 
-A plan is frozen once a study opens, and so are its recordings. Its texts may have to change all the
-same: an ethics board asks for another sentence. What is compared stays as it was. Where the
-consent has changed, `consents` asks everybody inside for theirs again.
+A plan and its recordings are frozen once the study opens, but texts may have to change, for example
+when an ethics board asks for another sentence. If the consent has changed, `sessions.consents` asks
+participants under way to agree again.
 """
 
 from __future__ import annotations
@@ -40,11 +40,11 @@ class Version:
 def revise(app: AppContext, folder: StudyFolder, actor: str = audit_log.COMMAND_LINE) -> StudyInfo:
     """Give a study the texts of this folder. The same texts again change nothing.
 
-    Raises NotFoundError, or ConflictError if anything but the texts has changed.
+    Raises NotFoundError, or ConflictError if anything other than the texts differs.
     """
     slug = folder.plan.slug
     with app.database.write() as db:
-        # Held: two at once make one version after the other.
+        # Locked, so that parallel calls create one version after the other.
         repository.lock_study(db, slug)
         before = repository.read(db, slug)
         _require_the_same(db, before, folder)
@@ -61,11 +61,11 @@ def revise_texts(
     actor: str,
     base: str | None = None,
 ) -> StudyInfo:
-    """Give a study these texts, written on its page. The same texts again change nothing.
+    """Give a study these texts from its page. The same texts again change nothing.
 
-    base: the hash of the plan whose texts the page was filled from. Raises NotFoundError,
+    base: the hash of the plan whose texts the page showed. Raises NotFoundError,
     ChangedMeanwhileError if the study has another plan by now, or StudyFaults with every text that
-    is missing or not filled in.
+    is missing or incomplete.
     """
     with app.database.write() as db:
         repository.lock_study(db, slug)
@@ -94,7 +94,7 @@ def revise_texts(
 
 
 def texts_of(app: AppContext, study: StudyInfo, digest: str) -> repository.Texts | None:
-    """The texts of the study's version with this hash; None if it has no such version."""
+    """The texts of the study's version with this hash; None if there is no such version."""
     with app.database.read() as db:
         texts: repository.Texts | None = db.scalar(
             select(PlanVersion.texts)
@@ -106,7 +106,7 @@ def texts_of(app: AppContext, study: StudyInfo, digest: str) -> repository.Texts
 
 
 def versions(app: AppContext, study: StudyInfo) -> list[Version]:
-    """Every version of the study's plan, the newest first."""
+    """All versions of the study's plan, the newest first."""
     with app.database.read() as db:
         rows = db.scalars(
             select(PlanVersion)
@@ -147,7 +147,7 @@ def _add_version(
 
 
 def _stored_rows(db: Session, study: StudyInfo) -> list[RecordingRow]:
-    """The study's own recordings as its tables list them."""
+    """The study's own recordings as rows of its tables."""
     names = [parameter.name for parameter in study.plan.parameters]
     found = db.execute(
         select(Candidate, Recording)

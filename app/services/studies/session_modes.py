@@ -1,16 +1,16 @@
-"""The modes of a session: whether it counts, and who may begin it."""
+"""The modes of a session, which decide whether it counts and who may start it."""
 
 from __future__ import annotations
 
-#: Takes part in the study. All others are left out of results unless asked for.
+#: A participant's session. Results leave out all other modes unless asked for them.
 LIVE = "live"
-#: An experimenter looks at the pages that evaluators will see.
+#: An experimenter views the pages of evaluators.
 PREVIEW = "preview"
-#: Somebody tries the study by a link of its own, before it counts.
+#: A person tries the study by its pilot link, before it counts.
 PILOT = "pilot"
-#: A program answers, on an experimenter's behalf.
+#: A program responds on behalf of an experimenter.
 SIMULATED = "simulated"
 
 ALL = (LIVE, PREVIEW, PILOT, SIMULATED)
-#: Sessions in which a person answers.
+#: Modes in which a person responds.
 OF_PEOPLE = (LIVE, PREVIEW, PILOT)

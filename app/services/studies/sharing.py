@@ -1,4 +1,4 @@
-"""Whose a study is, and whom it is shared with."""
+"""The members of a study: its owner, and the experimenters it is shared with."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from . import repository
 
 @dataclass(frozen=True)
 class Member:
-    """An account that has to do with a study: its owner, or somebody it is shared with."""
+    """An account with access to a study, as its owner or by sharing."""
 
     account_id: int
     email: str
@@ -28,7 +28,7 @@ class Member:
 
 
 def members(app: AppContext, slug: str) -> list[Member]:
-    """The owner first, then the others by address."""
+    """The members of a study: the owner first, then the others by address."""
     with app.database.read() as db:
         study = repository.read(db, slug)
         rows = db.execute(
@@ -50,12 +50,12 @@ def members(app: AppContext, slug: str) -> list[Member]:
 
 
 def share(app: AppContext, slug: str, email: str, actor: str) -> None:
-    """Share a study with an experimenter. Sharing twice changes nothing.
+    """Share a study with an experimenter. Sharing it again changes nothing.
 
-    Raises NotFoundError if nobody has the address, ConflictError for a reviewer.
+    Raises NotFoundError if no account has the address, and ConflictError for a reviewer.
     """
     with app.database.write() as db:
-        # Held: of two at once the second sees what the first has done.
+        # Locked, so that parallel calls do not insert the membership twice.
         study = repository.lock_study(db, slug)
         account = accounts.require(db, email)
         if account.role == Role.REVIEWER:
@@ -76,7 +76,7 @@ def share(app: AppContext, slug: str, email: str, actor: str) -> None:
 
 
 def stop_sharing(app: AppContext, slug: str, account_id: int, actor: str) -> None:
-    """Take a study back from somebody it is shared with. Raises NotFoundError."""
+    """Remove a member that the study is shared with. Raises NotFoundError if there is none."""
     with app.database.write() as db:
         study = repository.read(db, slug)
         membership = db.scalar(_membership(study.id, account_id))

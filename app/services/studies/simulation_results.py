@@ -1,4 +1,4 @@
-"""What simulated sessions tell of a design: how long it takes, and whom and what it needs."""
+"""Design analysis from simulated sessions: duration, regret, and the number of people needed."""
 
 from __future__ import annotations
 
@@ -24,25 +24,25 @@ from app.study import assignment
 from .candidate_scores import mean_scores
 from .repository import StudyInfo
 
-#: What an evaluator takes to decide after both videos were seen once, in seconds: an assumption.
+#: Assumed time to decide after both videos were seen once, in seconds.
 THINKING_S = 4.0
-#: What the texts before the first trial take to read, in seconds: an assumption.
+#: Assumed time to read the texts before the first trial, in seconds.
 READING_S = 180.0
-#: A regret this close to the lowest that follows counts as no worse, as a part of all gained.
+#: Tolerance for calling a regret as low as the lowest later one, as a fraction of the total gain.
 NO_WORSE = 0.1
 
-#: The kind of job that lets simulated evaluators walk through a study.
+#: The kind of job that runs simulated sessions of a study.
 SIMULATE = "simulate"
-#: More at once would keep the page waiting for hours: the command line has no such limit.
+#: Limit of the page, whose job would otherwise take hours; the command line has none.
 MOST_SESSIONS = 500
 
-#: (session, condition) -> what the acquired candidate scored after each query, shape (queries,).
+#: (session, condition) -> score of the acquired candidate after each query, shape (queries,).
 Curves = Mapping[tuple[int, str], list[float]]
 
 
 @dataclass(frozen=True)
 class RegretLine:
-    """How far what a condition acquires lies below the best candidate, after so many queries."""
+    """The regret of a condition after `query` queries: the best score less the acquired one's."""
 
     condition: str
     query: int
@@ -51,7 +51,10 @@ class RegretLine:
 
 @dataclass(frozen=True)
 class Contrast:
-    """Two conditions: how their acquired scores differ, and how many people would show it."""
+    """The difference of two conditions' acquired scores, and the number of people to detect it.
+
+    people: None if no number would do.
+    """
 
     first: str
     second: str
@@ -61,7 +64,7 @@ class Contrast:
 
 @dataclass(frozen=True)
 class Design:
-    """What can be said of a design from its simulated sessions."""
+    """The analysis of a design from its simulated sessions."""
 
     sessions: int
     regrets: Sequence[RegretLine]
@@ -71,7 +74,7 @@ class Design:
 
 @dataclass(frozen=True)
 class Duration:
-    """About how long a session takes, in seconds, and the lengths that this is made of."""
+    """The estimated length of a session in seconds, and its components."""
 
     total_s: float
     video_s: float
@@ -82,7 +85,10 @@ class Duration:
 def simulate(
     app: AppContext, caller: Principal, study: StudyInfo, sessions: int, kind: str, seed: int
 ) -> jobs.JobInfo:
-    """Ask for simulated sessions. Raises ConflictError if a recording has no score."""
+    """Enqueue a job of simulated sessions, and return it.
+
+    kind: the kind of simulated evaluator. Raises ConflictError if a recording has no score.
+    """
     with app.database.read() as db:
         unscored = db.scalar(
             select(func.count(Recording.id))
@@ -116,7 +122,7 @@ def simulate(
 
 
 def duration(app: AppContext, study: StudyInfo) -> Duration | None:
-    """An estimate from the videos' lengths; None without videos."""
+    """The estimated duration, from the mean video lengths; None if the study has no videos."""
     on = assignment.conditions_on(study.plan, study.conditions_off)
     plan = assignment.narrowed(study.plan, on)
     with app.database.read() as db:
@@ -141,7 +147,7 @@ def duration(app: AppContext, study: StudyInfo) -> Duration | None:
 
 
 def design(app: AppContext, study: StudyInfo) -> Design | None:
-    """What the study's completed simulated sessions tell; None without any."""
+    """The analysis of the study's completed simulated sessions; None if it has none."""
     with app.database.read() as db:
         scores = mean_scores(db, study.id)
         curves = _curves(db, study.id, scores)
@@ -175,7 +181,7 @@ def design(app: AppContext, study: StudyInfo) -> Design | None:
 
 
 def _contrast(curves: Curves, first: str, second: str) -> Contrast | None:
-    """Within each session that has both: second's acquired score less first's, at the end."""
+    """Compare two conditions' final scores, second less first, within sessions that have both."""
     sessions = {session_id for session_id, name in curves if name == first}
     differences = [
         curves[session_id, second][-1] - curves[session_id, first][-1]
@@ -188,7 +194,7 @@ def _contrast(curves: Curves, first: str, second: str) -> Contrast | None:
 
 
 def _enough(mean_regret: NDArray[np.float64]) -> int:
-    """The first query after which the mean regret, of shape (queries,), hardly gets lower."""
+    """The first query after which the mean regret, of shape (queries,), hardly decreases."""
     lowest_yet_to_come = np.minimum.accumulate(mean_regret[::-1])[::-1]
     gained = float(mean_regret[0] - mean_regret.min())
     hardly = mean_regret - lowest_yet_to_come <= NO_WORSE * gained + 1e-12
@@ -196,12 +202,12 @@ def _enough(mean_regret: NDArray[np.float64]) -> int:
 
 
 def _steps(queries: int) -> list[int]:
-    """Thirds of a trial: 10, 20 and 30 of 30 queries, as the paper shows them."""
+    """Thirds of a trial: 10, 20 and 30 of 30 queries, as in the paper."""
     return sorted({max(1, round(queries * third / 3)) for third in (1, 2, 3)})
 
 
 def _curves(db: Session, study_id: int, scores: Mapping[tuple[str, int], float]) -> Curves:
-    """Averaged over a session's trials of a condition; trials of another length are left out."""
+    """The mean score curve per session and condition; trials of another length are left out."""
     trials: dict[tuple[int, str, int], list[float]] = defaultdict(list)
     for session_id, condition, trial_id, environment, candidate in db.execute(
         select(SessionRow.id, Trial.condition, Trial.id, Trial.environment, Acquired.candidate)

@@ -1,8 +1,8 @@
-"""Which slugs are taken, and by what proof a study may take the place of a draft of its slug.
+"""Slugs of studies: which are taken, and when a new study may replace a draft with its slug.
 
-A slug is a name, and two studies may come to the same one: that alone never makes them the same
-study. A draft makes way for the study that was copied from it to be changed, for the folder that it
-was made of, and where that is asked for by name; otherwise another slug is needed.
+Two different studies may have the same name, so the slug alone does not identify a draft. A draft
+is replaced by the study that was copied from it for a change, by a study from the same folder, or
+on explicit request; otherwise another slug is needed.
 """
 
 from __future__ import annotations
@@ -22,20 +22,20 @@ from app.storage.models.accounts import StudyAccess
 from app.storage.models.records import AuditEvent
 from app.storage.models.studies import Study
 
-#: What follows /studies/ in the addresses of other pages.
+#: Path segments after /studies/ that belong to other pages.
 RESERVED = frozenset({"new"})
 LONGEST = 60
-#: Details of the audit trail's entry on a study's creation: the folder that it was made of.
+#: Audit log entry of a study's creation, and its detail with the hash of the source folder.
 FOLDER = "folder"
 CREATED = "study created"
 
 
 @dataclass(frozen=True)
 class Proof:
-    """What shows that a study is the same as the draft that it would replace.
+    """Evidence that a new study is the same as the draft that it would replace.
 
-    origin: the id of the draft study that its folder was copied from, to be changed. is_asked: its
-    replacement was asked for by name.
+    origin: the id of the draft from which its folder was copied for a change. is_asked: whether the
+    replacement was requested explicitly.
     """
 
     origin: int | None = None
@@ -46,14 +46,14 @@ NONE = Proof()
 
 
 def folder_hash(folder: Path) -> str:
-    """A folder on this machine, so that it can be recognised and its path is not told."""
+    """A hash of the folder's absolute path: it identifies the folder without storing the path."""
     return hashlib.sha256(str(folder.resolve()).encode(errors="surrogateescape")).hexdigest()[:32]
 
 
 def require_same(db: Session, earlier: Study, folder: str, proof: Proof = NONE) -> None:
-    """Raises SlugTakenError unless this draft is shown to be the same study.
+    """Raise SlugTakenError unless this draft is proven to be the same study.
 
-    folder: the mark of the folder that the new one is made of (`folder_hash`).
+    folder: the `folder_hash` of the new study's source folder.
     """
     if proof.is_asked or (proof.origin is not None and proof.origin == earlier.id):
         return
@@ -71,7 +71,10 @@ def require_same(db: Session, earlier: Study, folder: str, proof: Proof = NONE) 
 
 
 def remark(app: AppContext, slug: str, folder: str) -> str | None:
-    """What to know of the slug before a study is made of this folder; None if it is free."""
+    """A sentence on why a study from this folder cannot have the slug; None if it can.
+
+    folder: its `folder_hash`.
+    """
     with app.database.read() as db:
         earlier = db.scalar(select(Study).where(Study.slug == slug))
         if earlier is None:
@@ -86,7 +89,7 @@ def remark(app: AppContext, slug: str, folder: str) -> str | None:
 
 
 def owner_of(db: Session, study_id: int) -> int | None:
-    """The account whose study it is; None for one of the command line's."""
+    """The id of the account that owns the study; None if it was created on the command line."""
     return db.scalar(
         select(StudyAccess.account_id).where(
             StudyAccess.study_id == study_id, StudyAccess.access == "owner"
@@ -95,7 +98,7 @@ def owner_of(db: Session, study_id: int) -> int | None:
 
 
 def free(db: Session, wanted: str, others: Iterable[str] = ()) -> str:
-    """The slug, or with a number behind it the first that no study and none of `others` has."""
+    """`wanted` if no study and none of `others` has it, else the first free slug with a number."""
     taken = set(db.scalars(select(Study.slug))) | RESERVED | set(others)
     if wanted not in taken:
         return wanted

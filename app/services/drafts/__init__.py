@@ -1,1 +1,1 @@
-"""Studies being made in the browser: their files, uploads and transcoding."""
+"""Study drafts that are edited in the browser: their files, uploads and transcoding."""

@@ -1,7 +1,7 @@
-"""Studies being made in the browser: a folder for each, as one would make it by hand.
+"""Use cases of study drafts: begin, copy, edit, check, and create a study from one.
 
-Its files lie in the uploads folder; it exists for whoever began it and for nobody else. What
-is wrong with it is what `pbpo study check` would say of the same folder.
+A draft is a study folder below the uploads folder, visible to the account that began it only. Its
+check reports what `pbpo study check` reports for the same folder.
 """
 
 from __future__ import annotations
@@ -44,17 +44,17 @@ from . import transcode_job, uploads
 from .files import Sent
 from .uploads import UploadRefusedError
 
-#: Files that can be changed on a page.
+#: Endings of files that can be edited on a page.
 TEXT_ENDINGS = (".yaml", ".csv", ".md", ".txt")
-#: A longer text would be no plan and no consent.
+#: Characters of a text file; no plan or consent is longer.
 LONGEST_TEXT = 1_000_000
-#: The name of a study that is being made, in lists.
+#: Characters of a draft's name.
 LONGEST_NAME = 100
 
 
 @dataclass(frozen=True)
 class Draft:
-    """One study being made, and where its files lie."""
+    """A study draft and the folder of its files."""
 
     public_id: str
     name: str
@@ -64,7 +64,7 @@ class Draft:
 
 @dataclass(frozen=True)
 class DraftFile:
-    """A file of a study being made."""
+    """A file of a draft. name: its path within the folder. size: in bytes."""
 
     name: str
     size: int
@@ -73,27 +73,28 @@ class DraftFile:
 
 @dataclass(frozen=True)
 class Checked:
-    """What a check of a folder found: a study, or every fault by its file."""
+    """The result of a check: the study, or the faults by file."""
 
     study: StudyFolder | None
     faults: Mapping[str, Sequence[Fault]]
 
     @property
     def can_be_transcoded(self) -> int:
-        """How many videos some browser cannot play."""
+        """The number of videos that some browser cannot play."""
         told = (fault.told.expected for faults in self.faults.values() for fault in faults)
         return sum(expected == PLAYABLE for expected in told)
 
     @property
     def number(self) -> int:
+        """The number of faults."""
         return sum(map(len, self.faults.values()))
 
 
 def begin(app: AppContext, caller: Principal, name: str, sent: Sequence[Sent] = ()) -> Draft:
-    """Begin a study from what was sent: a zip of its folder, or videos and a CSV, or nothing.
+    """Create a draft from uploaded files: a zip of a study folder, or videos and a CSV, or nothing.
 
-    What a folder lacks to be one is begun from the example, but for a zip that holds a study.
-    Raises UploadRefusedError.
+    Files that a study folder needs are added from the example, unless a zip holds a plan. Raises
+    UploadRefusedError, NoRoomError, or ForbiddenError.
     """
     if not access.may_make_studies(caller):
         raise ForbiddenError(f"{caller.email} ({caller.role.value}) may not make studies")
@@ -119,11 +120,11 @@ def begin(app: AppContext, caller: Principal, name: str, sent: Sequence[Sent] = 
 
 
 def clone(app: AppContext, caller: Principal, study: repository.StudyInfo, new_slug: str) -> Draft:
-    """Begin a study that is another one's copy under a slug of its own, or (new_slug empty, or the
-    same) one that is to take this draft's place.
+    """Create a draft as a copy of a study, under a new slug or to replace the study itself.
 
-    Raises SlugTakenError if another study has the slug, and ConflictError if one of its videos is
-    missing.
+    new_slug: empty, or the study's own slug, for a draft that is to replace it. Raises
+    SlugTakenError if another study has the slug, ConflictError if a video is missing or the study
+    cannot be replaced, NoRoomError, or ForbiddenError.
     """
     if not access.may_make_studies(caller):
         raise ForbiddenError(f"{caller.email} ({caller.role.value}) may not make studies")
@@ -144,7 +145,7 @@ def clone(app: AppContext, caller: Principal, study: repository.StudyInfo, new_s
 
 
 def list_drafts(app: AppContext, caller: Principal) -> list[Draft]:
-    """What the caller is making, the newest first."""
+    """The caller's drafts, the newest first."""
     with app.database.read() as db:
         rows = db.scalars(
             select(StudyDraft)
@@ -155,9 +156,9 @@ def list_drafts(app: AppContext, caller: Principal) -> list[Draft]:
 
 
 def find(app: AppContext, caller: Principal, public_id: str, *, whole: bool = True) -> Draft:
-    """The draft, if it is the caller's; unless not `whole`, its files have to be here as well.
+    """The caller's draft with this id. Raises NotFoundError.
 
-    Raises NotFoundError.
+    whole: also raise it if the draft's files are not on this server.
     """
     with app.database.read() as db:
         row = db.scalar(
@@ -169,7 +170,7 @@ def find(app: AppContext, caller: Principal, public_id: str, *, whole: bool = Tr
         raise NotFoundError("there is no such study being made")
     draft = _draft(app, row)
     if whole and not draft.folder.is_dir():
-        # Of several servers each may have a data folder of its own.
+        # Several servers may each have a data folder of their own.
         raise NotFoundError(
             "the files of this study are not in the data folder of the server that answers; it was"
             " begun at another one, or they were lost"
@@ -178,7 +179,7 @@ def find(app: AppContext, caller: Principal, public_id: str, *, whole: bool = Tr
 
 
 def files(draft: Draft) -> list[DraftFile]:
-    """The files of a draft by their names, texts first."""
+    """The files of a draft by name, texts first, without the hidden origin file."""
     found = [
         DraftFile(
             path.relative_to(draft.folder).as_posix(),
@@ -192,7 +193,10 @@ def files(draft: Draft) -> list[DraftFile]:
 
 
 def require_room(app: AppContext, caller: Principal, coming: int = 0) -> None:
-    """Raises NoRoomError if the caller is making as much as they may, or the disk has no room."""
+    """Raise NoRoomError if the caller has the maximum number of drafts, or the disk is too full.
+
+    coming: the bytes about to be uploaded.
+    """
     disk_quota.require(app.settings, app.settings.uploads_dir, coming)
     most = app.settings.drafts_per_account
     with app.database.read() as db:
@@ -214,7 +218,10 @@ def _number(db: Session, caller: Principal) -> int:
 
 
 def add(app: AppContext, caller: Principal, draft: Draft, sent: Sequence[Sent]) -> list[str]:
-    """Add what was sent, in the place of what has the same name; the names. A zip is unpacked."""
+    """Add uploaded files to a draft and return their names; zips are unpacked, old files replaced.
+
+    Raises UploadRefusedError or NoRoomError.
+    """
     if not sent:
         raise UploadRefusedError(["Expected a file, got none."])
     disk_quota.require(app.settings, draft.folder)
@@ -225,13 +232,13 @@ def add(app: AppContext, caller: Principal, draft: Draft, sent: Sequence[Sent]) 
 
 
 def remove(app: AppContext, draft: Draft, name: str) -> None:
-    """Take a file out of a draft. Raises NotFoundError."""
+    """Delete a file of a draft. Raises NotFoundError."""
     _existing(draft, name).unlink()
     _changed(app, draft)
 
 
 def text_of(draft: Draft, name: str) -> str:
-    """A text of the draft; empty where there is none yet. Raises UploadRefusedError."""
+    """The content of a text file; empty if it does not exist. Raises UploadRefusedError."""
     path = _text_path(draft, name)
     try:
         return read_text(draft.folder, path) if path.exists() else ""
@@ -242,15 +249,15 @@ def text_of(draft: Draft, name: str) -> str:
 def write_text(
     app: AppContext, draft: Draft, name: str, text: str, base: str | None = None
 ) -> None:
-    """Give a text of the draft these words.
+    """Write a text file of the draft.
 
-    base: the mark (`difference.mark_of`) of the text that they were written over. Raises
-    ChangedMeanwhileError if it is another one by now, and UploadRefusedError.
+    base: the `text_diff.mark_of` of the text that the edit started from. Raises
+    ChangedMeanwhileError if the file has another text by now, or UploadRefusedError.
     """
     written = text.replace("\r\n", "\n")
     path = _text_path(draft, name)
     with app.database.write() as db:
-        # The row is held: of two who save at once the second sees what the first has written.
+        # The update locks the row, so that parallel edits see each other's text.
         _touch(db, app, draft)
         if base is not None:
             there = text_of(draft, name)
@@ -262,7 +269,7 @@ def write_text(
 
 
 def check(app: AppContext, draft: Draft) -> Checked:
-    """Everything that is wrong with a draft, at once; that its slug is taken as well."""
+    """Validate a draft, including whether its slug is free."""
     try:
         study = repository.load_folder(str(draft.folder))
         taken = draft_slugs.fault(app, draft.folder, study.plan.slug)
@@ -277,18 +284,18 @@ def check(app: AppContext, draft: Draft) -> Checked:
 
 
 def replaces(app: AppContext, draft: Draft, slug: str) -> bool:
-    """Whether creating the draft's study replaces the draft study that it was copied from."""
+    """Whether creating the draft's study replaces the study from which it was copied."""
     return draft_slugs.replaces(app, draft.folder, slug)
 
 
 def transcode(app: AppContext, caller: Principal, draft: Draft) -> jobs.JobInfo:
-    """Ask for the draft's videos that some browser cannot play to be made ones that all play."""
+    """Enqueue a job that transcodes the draft's videos that some browser cannot play."""
     _changed(app, draft)
     return jobs.enqueue(app, caller, transcode_job.KIND, {"draft": draft.public_id})
 
 
 def create_study(app: AppContext, caller: Principal, draft: Draft) -> repository.StudyInfo:
-    """Make the draft a study of the caller's, in status draft; its own folder is done with.
+    """Create a study with status draft, owned by the caller, and delete this draft.
 
     Raises StudyFaults, or ConflictError if the slug is taken.
     """
@@ -306,7 +313,7 @@ def create_study(app: AppContext, caller: Principal, draft: Draft) -> repository
 
 
 def discard(app: AppContext, draft: Draft) -> None:
-    """Throw away what was begun."""
+    """Delete a draft with its files."""
     with app.database.write() as db:
         db.execute(delete(StudyDraft).where(StudyDraft.public_id == draft.public_id))
     shutil.rmtree(draft.folder, ignore_errors=True)
@@ -317,7 +324,7 @@ def _keep_row(
 ) -> None:
     now = draft.changed_at
     with app.database.write() as db:
-        # Held: of two that are begun at once the second counts the first.
+        # Locked, so that drafts begun in parallel count each other.
         accounts.lock(db, caller.account_id)
         if _number(db, caller) >= app.settings.drafts_per_account:
             raise NoRoomError("expected fewer studies being made: another was begun just now")
@@ -338,8 +345,8 @@ def _draft(app: AppContext, row: StudyDraft) -> Draft:
 
 
 def folder_of(app: AppContext, public_id: str) -> Path:
-    """Where the files of the draft of this id lie."""
-    # Whole: faults name files within it, and links are followed to see whether they lead out.
+    """The folder with the files of the draft of this id."""
+    # Resolved, since the check compares resolved paths of its files with it.
     return (app.settings.uploads_dir / "drafts" / public_id).resolve()
 
 
@@ -357,7 +364,10 @@ def _touch(db: Session, app: AppContext, draft: Draft) -> None:
 
 
 def _limit(app: AppContext, caller: Principal, draft: Draft) -> int:
-    """Bytes that this draft may take: a study's limit, and what is left of its maker's."""
+    """The bytes that this draft may take: the limit per study, or the rest of the caller's limit.
+
+    Raises NoRoomError if the caller's other drafts use up their limit.
+    """
     others = sum(
         uploads.size_of(one.folder)
         for one in list_drafts(app, caller)

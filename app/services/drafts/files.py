@@ -1,4 +1,4 @@
-"""The files of a study being made: where each one that was sent belongs in its folder."""
+"""Places uploaded files in a draft's folder."""
 
 from __future__ import annotations
 
@@ -25,16 +25,16 @@ VIDEO_ENDINGS = (".mp4", ".m4v", ".mov", ".webm", ".ogv", ".ogg", ".avi", ".mkv"
 
 @dataclass(frozen=True)
 class Sent:
-    """A file as it came from a browser, under the name that it had there."""
+    """An uploaded file, with the name that the browser gave."""
 
     name: str
     content: IO[bytes]
 
 
 def store(folder: Path, sent: Sequence[Sent], limit: int) -> list[str]:
-    """Write what was sent into the folder, which may take `limit` bytes; the names.
+    """Write uploaded files into the folder, which may take `limit` bytes; return their paths in it.
 
-    All names are looked at before any file is. Raises UploadRefusedError.
+    All names are checked before the first file is written. Raises UploadRefusedError.
     """
     names: list[str] = []
     faults: list[str] = []
@@ -64,14 +64,14 @@ def store(folder: Path, sent: Sequence[Sent], limit: int) -> list[str]:
 
 
 def add_scaffold(folder: Path, title: str, slug: str) -> None:
-    """Begin what is missing to be a study's folder: a plan for its CSV, and texts."""
+    """Write what a study folder needs and this one lacks: a plan for its CSV, and example texts."""
     tables = sorted(path for path in folder.glob("*.csv"))
     parameters: list[str] = []
     if tables:
         try:
             parameters = draft_plan.parameters_of(read_text(folder, tables[0]))
         except (UnreadableFileError, csv.Error):
-            # The check says what is wrong with it, with its line.
+            # Left to the check, which reports the fault with its line.
             parameters = []
     source = tables[0].name if tables else "recordings.csv"
     written = {STUDY_FILE: draft_plan.begin_plan(title, source, parameters, slug)}
@@ -83,7 +83,7 @@ def add_scaffold(folder: Path, title: str, slug: str) -> None:
 
 
 def place_files(folder: Path) -> None:
-    """Move each video to where the CSV says that it is, if it came without its folder."""
+    """Move each video that was uploaded without its folder to the path given in the CSV."""
     for table in folder.glob("*.csv"):
         try:
             rows = csv.DictReader(io.StringIO(read_text(folder, table)))
@@ -96,7 +96,7 @@ def place_files(folder: Path) -> None:
                 or name_fault(name) is not None
                 or name_conflicts([name], folder)
             ):
-                # The check says what is wrong with it.
+                # Left to the check, which reports the fault.
                 continue
             target = folder / name
             if target.exists():
@@ -108,11 +108,12 @@ def place_files(folder: Path) -> None:
 
 
 def is_zip(one: Sent) -> bool:
+    """Whether the file's name ends in .zip."""
     return one.name.lower().endswith(".zip")
 
 
 def _target_path(folder: Path, name: str) -> str:
-    """Where a file of this name belongs: where one of its name is, or as its ending says."""
+    """The path of a file in the folder: that of an existing file of this name, or by its ending."""
     path = PurePosixPath(name)
     if len(path.parts) > 1:
         return name
@@ -127,5 +128,5 @@ def _target_path(folder: Path, name: str) -> str:
 
 
 def _files_named(folder: Path, name: str) -> list[Path]:
-    """The files of this name, wherever they lie in the folder."""
+    """All files with this name in the folder and below."""
     return [path for path in folder.rglob("*") if path.name == name and path.is_file()]

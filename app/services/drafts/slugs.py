@@ -1,7 +1,7 @@
-"""The slugs of studies being made in the browser: derived, checked against those that are taken.
+"""Slugs of study drafts: derived from titles, and checked against those that are taken.
 
-A draft that was copied from a study to take its place says so in a hidden file: nothing that a
-browser sends can have such a name.
+A draft that was copied from a study to replace it records this in a hidden file, whose name uploads
+cannot have.
 """
 
 from __future__ import annotations
@@ -22,21 +22,22 @@ from app.study.files import read_text
 from app.study.plan_source import STUDY_FILE
 from app.study.validation_errors import Fault, UnreadableFileError
 
-#: Holds the id of the study that a draft was copied from, to take its place.
+#: File with the id of the study that the draft is to replace.
 ORIGIN = ".origin"
 
 
 def of_title(app: AppContext, title: str, making: Iterable[Path]) -> str:
-    """A slug made of the title that no study has, and none of the folders that are being made."""
+    """A slug derived from the title that no study and none of these draft folders has."""
     said = filter(None, map(_slug_in_plan, making))
     with app.database.read() as db:
         return slugs.free(db, draft_plan.slug_of(title), said)
 
 
 def of_copy(app: AppContext, study: StudyInfo, wanted: str) -> str:
-    """The slug of a study's copy: its own, to take its place, or another one that is free.
+    """The slug of a study's copy: the study's own to replace it, or `wanted` if it is free.
 
-    Raises ConflictError if it is taken, or if the study is no draft and so cannot be replaced.
+    Raises SlugTakenError if it is taken, and ConflictError if the study is to be replaced and is no
+    draft.
     """
     if wanted == study.slug:
         if study.status != repository.DRAFT:
@@ -53,12 +54,12 @@ def of_copy(app: AppContext, study: StudyInfo, wanted: str) -> str:
 
 
 def note_origin(folder: Path, study_id: int) -> None:
-    """Keep which study the folder was copied from, to take its place."""
+    """Record the study that this folder is to replace."""
     (folder / ORIGIN).write_text(str(study_id), encoding="ascii")
 
 
 def origin(folder: Path) -> int | None:
-    """The id of the study that the folder was copied from, to take its place."""
+    """The id of the study that this folder is to replace, or None."""
     try:
         return int((folder / ORIGIN).read_text(encoding="ascii"))
     except (OSError, ValueError):
@@ -66,7 +67,7 @@ def origin(folder: Path) -> int | None:
 
 
 def replaces(app: AppContext, folder: Path, slug: str) -> bool:
-    """Whether a study of this folder and slug takes the place of the draft it was copied from."""
+    """Whether a study from this folder with this slug replaces the draft that was copied."""
     copied = origin(folder)
     with app.database.read() as db:
         return copied is not None and copied == db.scalar(
@@ -75,7 +76,7 @@ def replaces(app: AppContext, folder: Path, slug: str) -> bool:
 
 
 def fault(app: AppContext, folder: Path, slug: str) -> Fault | None:
-    """What keeps a study of this folder from having this slug."""
+    """The fault that this slug is taken; None if a study from this folder can have it."""
     with app.database.read() as db:
         earlier = db.scalar(select(Study).where(Study.slug == slug))
         if earlier is None and slug not in slugs.RESERVED:
@@ -90,6 +91,7 @@ def fault(app: AppContext, folder: Path, slug: str) -> Fault | None:
 
 
 def _slug_in_plan(folder: Path) -> str | None:
+    """The slug in the folder's plan, valid or not; None if there is none."""
     try:
         text = read_text(folder, folder / STUDY_FILE)
     except UnreadableFileError:

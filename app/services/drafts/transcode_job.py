@@ -1,4 +1,4 @@
-"""Transcoding the videos of a study that is being made: a job, in a process of its own."""
+"""The job that transcodes the videos of a draft."""
 
 from __future__ import annotations
 
@@ -15,7 +15,10 @@ KIND = "transcode"
 def transcode_draft(
     settings: Settings, request: Mapping[str, Any], report: ProgressCallback
 ) -> str:
-    """Transcode what browsers cannot play in the draft of `request`; the old files go."""
+    """Transcode the draft's videos that browsers cannot play, and delete the originals.
+
+    request: `draft` is the draft's id. Returns a sentence with the number of videos.
+    """
     folder = settings.uploads_dir / "drafts" / str(request["draft"])
     names = transcode_folder(folder, report, keep=False)
     return f"{len(names)} video{'' if len(names) == 1 else 's'} transcoded."

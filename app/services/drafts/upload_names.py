@@ -1,8 +1,8 @@
-"""Checks the names of files that came from a browser before any file system sees them.
+"""Validates the names of uploaded files before they reach a file system.
 
-A name is taken only if it means the same file on every system a study may be moved to: it fits a
-folder entry in bytes, uses no name that a system keeps for itself, and differs from the names
-beside it in more than case.
+A name is accepted only if it means the same file on every system to which a study may be moved: it
+fits a directory entry in bytes, is not reserved by a system, and differs from its siblings in more
+than case.
 """
 
 from __future__ import annotations
@@ -11,13 +11,13 @@ import unicodedata
 from collections.abc import Iterable
 from pathlib import Path, PurePosixPath
 
-#: A longer path does not fit every file system.
+#: Characters of a path; not every file system takes more.
 LONGEST_NAME = 200
 #: Bytes of UTF-8 in one part of a path: file systems take 255, and a file being written has 6 more.
 LONGEST_PART = 240
-#: A study has its texts in the second level of folders.
+#: Parts of a path; those of a study's texts are three.
 DEEPEST = 10
-#: What Windows keeps for devices, with any ending.
+#: Names that Windows reserves for devices, with any extension.
 _DEVICES = frozenset(
     {"con", "prn", "aux", "nul"}
     | {f"{device}{number}" for device in ("com", "lpt") for number in range(10)}
@@ -25,12 +25,12 @@ _DEVICES = frozenset(
 
 
 def normal(name: str) -> PurePosixPath:
-    """The name as a path, its letters composed in one way."""
+    """The name as a path in Unicode normalisation form C."""
     return PurePosixPath(unicodedata.normalize("NFC", name))
 
 
 def name_fault(name: str) -> str | None:
-    """Why this name cannot be a file of a study, in a sentence; None if it can."""
+    """Why this name is not allowed, as a sentence; None if it is."""
     path = normal(name)
     parts = path.parts
     wrong = (
@@ -77,9 +77,9 @@ def _part_fault(part: str, name: str) -> str | None:
 
 
 def name_conflicts(names: Iterable[str], folder: Path | None = None) -> list[str]:
-    """What keeps these files from lying together, or in the folder: a sentence each.
+    """Why these files cannot be in one folder together, or with those in `folder`; a sentence each.
 
-    A file of the very same name in the folder is no clash: it is replaced.
+    An existing file with the same name is no conflict, since it is replaced.
     """
     spelled: dict[str, str] = {}
     files: set[str] = set()
@@ -111,12 +111,12 @@ def name_conflicts(names: Iterable[str], folder: Path | None = None) -> list[str
 
 
 def _folded(path: str) -> str:
-    # Two names that differ in their case alone are one file on many systems.
+    # On many systems, names that differ in case only are the same file.
     return unicodedata.normalize("NFC", path.casefold())
 
 
 def _on_disk(folder: Path, path: PurePosixPath) -> str | None:
-    """What in the folder differs from the path, or from a folder above it, in case alone."""
+    """An existing path that differs from this one, or from one of its parents, in case only."""
     here = folder
     for part in path.parts:
         if not here.is_dir():
@@ -131,7 +131,7 @@ def _on_disk(folder: Path, path: PurePosixPath) -> str | None:
 
 
 def _kind_fault(folder: Path, path: PurePosixPath) -> str | None:
-    """What is a folder where a file is to be, or a file where a folder is to be."""
+    """Why the path cannot be written: a folder exists at it, or a file at one of its parents."""
     if (folder / path).is_dir():
         return f"Expected a file, and {path.as_posix()!r} is a folder of this study."
     for parent in path.parents:

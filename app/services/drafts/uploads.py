@@ -1,8 +1,7 @@
-"""Files that came from a browser: named harmlessly, limited in size, unpacked without trust.
+"""Stores uploaded files: validates names, limits sizes, and unpacks zips without trusting them.
 
-A zip may say anything of what is in it: that its files lie elsewhere on the disk, that they are
-links, that a few kilobytes are a terabyte. Nothing it says is believed, and everything that is
-wrong with it is named at once.
+A zip's directory may claim anything: paths outside the folder, links, or a few kilobytes that
+expand to a terabyte. Nothing in it is trusted, and all faults are reported together.
 """
 
 from __future__ import annotations
@@ -21,22 +20,22 @@ from app.study.shortening import shortened
 
 from .upload_names import name_conflicts, name_fault, normal
 
-#: How many faults a refusal names; it counts the others.
+#: How many faults an error lists; of the others it gives the number.
 MOST_FAULTS_NAMED = 20
-#: A study of more files than this is a slip, or meant to fill the disk with names.
+#: Files in a zip. More are a mistake, or an attack on the file system's directory entries.
 MOST_FILES = 20_000
-#: Text and videos pack to no less than this part of their size; what packs better is a bomb.
+#: Compression ratio. Text and videos stay below it, so a larger one indicates a zip bomb.
 LARGEST_RATIO = 200
-#: Below this size a high ratio does no harm: a small file of one letter packs very well.
+#: Bytes up to which the ratio is not checked: a small repetitive file is harmless.
 RATIO_COUNTS_FROM = 1_000_000
 _PIECE = 1 << 20
-#: What systems leave in zips of their own accord.
+#: Names of metadata that operating systems add to zips.
 _OS_METADATA = ("__MACOSX", ".DS_Store", "Thumbs.db", "desktop.ini")
 _ENCRYPTED = 0x1
 
 
 class UploadRefusedError(ServiceError):
-    """What was sent cannot be taken; `faults` says why, one sentence each."""
+    """An upload that is refused; `faults` has one sentence for each reason."""
 
     def __init__(self, faults: Iterable[str]) -> None:
         every = [shortened(fault) for fault in faults]
@@ -47,7 +46,7 @@ class UploadRefusedError(ServiceError):
 
 
 def safe_name(name: str) -> str:
-    """The name as a path within a study's folder. Raises UploadRefusedError."""
+    """The name as a relative path within a study folder. Raises UploadRefusedError."""
     fault = name_fault(name)
     if fault is not None:
         raise UploadRefusedError([fault])
@@ -55,15 +54,14 @@ def safe_name(name: str) -> str:
 
 
 def size_of(folder: Path) -> int:
-    """Bytes in the folder's files."""
+    """Total size of all files in the folder, in bytes."""
     return sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
 
 
 def keep(content: IO[bytes], target: Path, limit: int) -> int:
-    """Write what was sent into a file, in the place of one of its name; its size in bytes.
+    """Write an uploaded file to `target`, atomically; return its size in bytes.
 
-    The file appears whole or not at all. Raises UploadRefusedError beyond `limit` bytes, or
-    where no file can be written.
+    Raises UploadRefusedError if it is larger than `limit` bytes or cannot be written.
     """
     part = target.with_name(f".{target.name}.part")
     try:
@@ -80,10 +78,10 @@ def keep(content: IO[bytes], target: Path, limit: int) -> int:
 
 
 def unpack(packed: IO[bytes], folder: Path, limit: int) -> list[str]:
-    """Unpack a zip into the folder, over files of the same names; the names.
+    """Unpack a zip into the folder, replacing files of the same names; return the names.
 
-    A single folder around everything, as systems make it, is left out. Raises UploadRefusedError
-    with every fault, and leaves the folder as it was then. limit: bytes that all may take.
+    A single top-level folder is stripped. limit: total bytes allowed. Raises UploadRefusedError
+    with all faults, in which case the folder is unchanged.
     """
     try:
         with zipfile.ZipFile(packed) as archive:
@@ -181,7 +179,7 @@ def _faults(packed: IO[bytes], entries: list[zipfile.ZipInfo], limit: int) -> It
 
 
 def _size(packed: IO[bytes]) -> int:
-    """Bytes of the zip itself, whatever it says of its parts."""
+    """The size of the zip file itself, in bytes, whatever its directory claims."""
     here = packed.tell()
     size = packed.seek(0, io.SEEK_END)
     packed.seek(here)
@@ -194,7 +192,10 @@ def _is_os_metadata(entry: zipfile.ZipInfo) -> bool:
 
 
 def _common_root(names: list[str]) -> PurePosixPath:
-    """The one folder that everything is in, if everything is in one and the study is no higher."""
+    """The single top-level folder of all names, if there is one; else the empty path.
+
+    A folder that is a study's own (texts, videos) is no such folder.
+    """
     paths = [normal(name) for name in names]
     first = paths[0].parts[0]
     has_root = all(len(path.parts) > 1 and path.parts[0] == first for path in paths)

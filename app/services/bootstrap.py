@@ -1,4 +1,4 @@
-"""Builds the application context: opens the database, makes the parts, registers job handlers."""
+"""Builds the application context: opens the database, creates the components, registers jobs."""
 
 from __future__ import annotations
 
@@ -46,20 +46,20 @@ def open_app(
     restoring: bool = False,
     job_handlers: Mapping[str, JobHandler] = MappingProxyType({}),
 ) -> AppContext:
-    """Open the studio of `settings`, bringing its database to the newest schema.
+    """Build the context for these settings, and migrate the database to the newest schema.
 
-    restoring: whether this is the restore that the database is under; others are refused until it
-    is done. job_handlers: functions of further kinds of job, which services may not import.
+    restoring: whether the caller is the restore that is in progress; all others are refused until
+    it has finished. job_handlers: further kinds of jobs, defined outside the services.
     Raises ConflictError.
     """
-    # A fit takes some milliseconds on one processor, and several times that if every fit of every
-    # evaluator tries to have them all.
+    # One thread per fit: a fit takes milliseconds on one processor, and several times that if the
+    # fits of all evaluators compete for all processors.
     threadpool_limits(1, user_api="blas")
-    # What people answered, and who they are, is for the eyes of the server's own user.
+    # Responses and identities are readable by the server's own user only.
     _make_folder(settings.data_dir, 0o700)
     _make_folder(settings.media_dir)
     if settings.own_videos_dir is not None:
-        # Whoever else has to read it, such as a proxy, is let in by whoever runs the server.
+        # The group may read it, so that a proxy can be given access.
         _make_folder(settings.own_videos_dir, 0o750)
     _make_database_file(settings)
     database = Database(settings.url)
@@ -101,16 +101,16 @@ def open_app(
 
 
 def _make_database_file(settings: Settings) -> None:
-    """SQLite's file, if there is none: closed to others, as those that SQLite puts beside it."""
+    """Create the SQLite file, private to its owner, unless it exists. Its WAL gets its mode."""
     url = make_url(settings.url)
     if url.get_backend_name() != "sqlite" or not url.database or Path(url.database).exists():
         return
-    with suppress(OSError):  # said when the database is opened
+    with suppress(OSError):  # opening the database reports the error
         os.close(for_owner(url.database, os.O_CREAT | os.O_WRONLY))
 
 
 def _make_folder(folder: Path, mode: int = 0o777) -> None:
-    """Make it unless it is there. Raises ConflictError, as where a service may not write."""
+    """Create a folder unless it exists. Raises ConflictError if that fails."""
     try:
         folder.mkdir(parents=True, exist_ok=True, mode=mode)
     except OSError as error:
@@ -128,7 +128,7 @@ def _require_whole(database: Database) -> None:
 
 
 def _with_workers(database: Database, background: Background | None) -> Background:
-    """The door to workers, unless another one is given; their queue is there from now on."""
+    """Create the task queue, and return `background` or, if None, a RemoteBackground."""
     require_queue()
     from app.services.background.remote import RemoteBackground  # noqa: PLC0415
     from app.storage import procrastinate_tables, task_queue  # noqa: PLC0415

@@ -1,4 +1,4 @@
-"""The application context: the parts every use case is given, made once by `bootstrap`."""
+"""The application context: the components that every use case receives, built by `bootstrap`."""
 
 from __future__ import annotations
 
@@ -22,12 +22,13 @@ from .server_secret import ServerSecret
 
 
 def utc_now() -> datetime:
+    """The present time in UTC."""
     return datetime.now(UTC)
 
 
 @dataclass(frozen=True)
 class AppContext:
-    """Database, background work and settings. The clock and the seeds come in from here alone."""
+    """The components of one process. Clock and random seeds are injected here, for tests."""
 
     settings: Settings
     database: Database
@@ -35,22 +36,23 @@ class AppContext:
     recordings: Recordings
     proposer: Proposer
     metrics: Metrics
-    #: What a backup must not bring back.
+    #: Deletions that a restore must repeat.
     deletion_log: DeletionLog
-    #: What keys of the server's own are derived from.
+    #: Root secret, from which the server's keys are derived.
     secret: ServerSecret
-    #: What a session knows a recording as.
+    #: Addresses of recordings within sessions.
     addresses: VideoAddresses
-    #: What links that a platform signs are verified by.
+    #: Public keys that verify signed links of platforms.
     platform_keys: PlatformKeys
     now: Callable[[], datetime]
     seed: Callable[[], int]
-    #: What failed while people took part, until it is written.
+    #: Counts failures during participation.
     failures: FailureCounter
-    #: The function of each kind of job.
+    #: Handlers by kind of job.
     job_handlers: Mapping[str, JobHandler]
 
     def close(self) -> None:
+        """Stop background work, and close the database and the stores."""
         self.background.close()
         self.proposer.close()
         self.recordings.close()

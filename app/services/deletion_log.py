@@ -1,9 +1,8 @@
-"""The ledger of deletions: what a backup that was made before must not bring back.
+"""Append-only log of deletions outside the database, by which a restore repeats them.
 
-It is a file beside the database, since a restored database knows nothing of what came after it. A
-line is a day, what was deleted, and a hash: of a session's 256-bit token as the database hashes it,
-or of a study's name and its moment. Who has only the ledger learns nothing of anybody from it; who
-has a backup finds in it whom to delete again.
+A restored backup contains data that was deleted after the backup was made. Each line has a day, the
+kind of deletion, and a SHA-256 hash: of a session's token hash, or of a study's slug and creation
+time. The log alone identifies nobody; together with a backup, it tells what to delete again.
 """
 
 from __future__ import annotations
@@ -19,7 +18,8 @@ from pathlib import Path
 
 from app.services.runtime.errors import ConflictError
 
-#: At the person's wish; by the study's rule; the ids of a platform alone; a study with everything.
+#: Kinds: a session at the participant's wish; a session by the study's retention rule; ids of a
+#: platform only; a whole study.
 WISH = "wish"
 RETENTION = "retention"
 IDENTITIES = "identities"
@@ -29,13 +29,13 @@ _LINE = re.compile(
     rf"(\d{{4}}-\d\d-\d\d) ({WISH}|{RETENTION}|{IDENTITIES}|{STUDY}) ([0-9a-f]{{64}})"
 )
 
-#: What a power cut can leave of a line.
+#: An incomplete line, as after a power cut.
 _TORN = re.compile(r"\d{0,4}(-\d{0,2}){0,2}( [a-z]*)?( [0-9a-f]*)?")
 
 
 @dataclass(frozen=True)
 class Deleted:
-    """One line: what was deleted, on which day."""
+    """One line of the log. what: kind of deletion. key: hash of what was deleted."""
 
     day: datetime
     what: str
@@ -43,35 +43,37 @@ class Deleted:
 
 
 def session_key(token_hash: str) -> str:
-    """What stands for a session. The database's own hash would let the ledger be matched by it."""
+    """The key of a session: a hash of its token hash, so that it differs from the stored one."""
     return hashlib.sha256(f"deleted session:{token_hash}".encode()).hexdigest()
 
 
 def study_key(slug: str, created_at: datetime) -> str:
-    """What stands for a study: a later one of the same name is another one."""
+    """The key of a study. Its creation time tells it from a later study with the same slug."""
     return hashlib.sha256(f"deleted study:{slug}:{created_at.isoformat()}".encode()).hexdigest()
 
 
 class DeletionLog:
-    """One file of deletions, only ever added to."""
+    """Appends lines to one log file. Safe for concurrent processes."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
 
     def note(self, at: datetime, what: str, keys: Iterable[str]) -> None:
-        """Add lines; they are on the disk when this returns. Call it before the deletion commits:
-        a line too many deletes again what somebody wanted deleted, a line too few brings it back.
+        """Append a line for each key, and flush them to disk.
+
+        Call it before the deletion commits: a superfluous line only repeats a deletion that was
+        intended, but a missing one would let a restore bring the data back.
         """
         text = "".join(f"{at.astimezone(UTC):%Y-%m-%d} {what} {key}\n" for key in keys)
         if not text:
             return
         descriptor = os.open(self.path, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o600)
         with os.fdopen(descriptor, "r+b") as file:
-            # Several processes may delete at once.
+            # Other processes may append at the same time.
             fcntl.flock(file, fcntl.LOCK_EX)
             end = file.seek(0, os.SEEK_END)
             if end and os.pread(descriptor, 1, end - 1) != b"\n":
-                # A power cut left half a line, of a deletion that did not come about.
+                # The last line is incomplete after a power cut; its deletion was not committed.
                 text = f"\n{text}"
             file.write(text.encode())
             file.flush()
@@ -79,9 +81,9 @@ class DeletionLog:
 
 
 def merge(path: Path, lines: Iterable[Deleted]) -> list[Deleted]:
-    """Add to the ledger at `path`, which need not be there yet, what it lacks; all its lines.
+    """Append those lines that the log at `path` lacks, creating it if needed; returns all lines.
 
-    Raises ConflictError if it cannot be read or written.
+    Raises ConflictError if the file cannot be read or written.
     """
     try:
         known = dict.fromkeys(read(path) if path.exists() else ())
@@ -96,7 +98,7 @@ def merge(path: Path, lines: Iterable[Deleted]) -> list[Deleted]:
 
 
 def read(path: Path) -> list[Deleted]:
-    """The lines of a ledger; half a line is passed over. Raises ConflictError for another file."""
+    """The lines of a log; incomplete ones are skipped. Raises ConflictError for other files."""
     try:
         lines = path.read_text(encoding="ascii").splitlines()
     except FileNotFoundError:

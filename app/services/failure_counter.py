@@ -1,8 +1,8 @@
-"""What of ours failed while people took part: counted by study, kind and hour, and nothing more.
+"""Counts server-side failures during participation, by study, kind and hour.
 
-Counting must not fail together with what it counts, nor slow it down. So counts are kept in memory
-first, and written at most every few seconds, by one thread; what cannot be written now, since the
-database is away, is written later.
+Counts are buffered in memory and written at most every few seconds by one thread, so that counting
+neither slows requests down nor fails with them. Counts that cannot be written, because the database
+is away, stay in the buffer.
 """
 
 from __future__ import annotations
@@ -29,16 +29,16 @@ from app.storage.models.studies import Candidate, Recording, SessionRow, Study
 
 log = logging.getLogger(__name__)
 
-#: How long counts are kept: longer than anybody looks for the cause in a log.
+#: How long counts are stored: longer than logs are usually searched for a cause.
 KEPT = timedelta(days=30)
-#: Between two writes, in seconds: a flood of faults is no flood of writes.
+#: Shortest interval between two writes, in seconds.
 _BETWEEN_S = 5.0
-#: What waits in memory at the most: the database may be away for long.
+#: Entries in the buffer at the most: the database may be away for a long time.
 _MOST_WAITING = 10_000
 
 
 class Kind(StrEnum):
-    """What failed."""
+    """The kind of failure, as stored in the database."""
 
     PAGE = "page"
     CALL = "call"
@@ -53,7 +53,7 @@ class Kind(StrEnum):
 
 @dataclass(frozen=True)
 class FailureContext:
-    """The study in which it failed, by the first of these that is known."""
+    """Identifies the study in which a failure occurred, by the first of these that is not None."""
 
     slug: str | None = None
     session_hash: str | None = None
@@ -64,7 +64,10 @@ class FailureContext:
     def of(
         cls, slug: str | None, token: str | None, recording: str | None
     ) -> FailureContext | None:
-        """None where nothing tells the study. A token is not kept, not even for seconds."""
+        """A context from what a request contains; None if nothing identifies the study.
+
+        Only the hash of the token is stored.
+        """
         if slug is not None:
             return cls(slug=slug)
         if token is not None:
@@ -80,7 +83,7 @@ class _Fault:
 
 
 class FailureCounter:
-    """What one process has counted and not yet written."""
+    """The buffered counts of one process. Thread-safe."""
 
     def __init__(self, database: Database, now: Callable[[], datetime]) -> None:
         self._database = database
@@ -92,13 +95,13 @@ class FailureCounter:
         self._not_before = 0.0
 
     def count(self, kind: Kind, where: FailureContext) -> None:
-        """It failed just now. Raises nothing."""
+        """Count a failure now, and write the buffer if it is due. Never raises."""
         self.note(kind, where)
         if time.monotonic() >= self._not_before:
             self.write()
 
     def note(self, kind: Kind, where: FailureContext) -> None:
-        """The same in memory alone, for a caller that may not write; the next write takes it."""
+        """Count a failure in the buffer only, for callers that must not write to the database."""
         now = self._now()
         fault = _Fault(kind, where, now.replace(minute=0, second=0, microsecond=0))
         with self._lock:
@@ -107,7 +110,7 @@ class FailureCounter:
                 self._last[fault] = now
 
     def write(self) -> None:
-        """Write what waits, unless another thread is at it. Raises nothing."""
+        """Write the buffer, unless another thread is writing it. Never raises."""
         if not self._waiting or not self._writing.acquire(blocking=False):
             return
         try:
@@ -143,7 +146,7 @@ def _add(db: Session, fault: _Fault, number: int, last_at: datetime) -> None:
 
 
 def add(db: Session, study_id: int, kind: Kind, number: int, last_at: datetime) -> None:
-    """Count these within a transaction, in the hour of that moment."""
+    """Add `number` failures to the hour of `last_at`, within the caller's transaction."""
     hour = last_at.replace(minute=0, second=0, microsecond=0)
     counted = (
         update(FaultCount)
@@ -164,7 +167,7 @@ def add(db: Session, study_id: int, kind: Kind, number: int, last_at: datetime) 
         with db.begin_nested():
             db.add(first)
     except IntegrityError:
-        # Another process was the first in this hour.
+        # Another process has inserted the row of this hour meanwhile.
         _changed(db, counted)
 
 
@@ -175,7 +178,7 @@ def _changed(db: Session, statement: Update) -> bool:
 
 
 def _study_id(db: Session, where: FailureContext) -> int | None:
-    """The study; None if there is none such, or not any more."""
+    """The study's primary key; None if there is no such study, or it was deleted."""
     if where.slug is not None:
         return db.scalar(select(Study.id).where(Study.slug == where.slug))
     if where.session_hash is not None:

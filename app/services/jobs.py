@@ -1,7 +1,7 @@
-"""Work that somebody asked for and watches: a transcoding, a simulation.
+"""Persistent jobs that experimenters request and follow, such as transcodings and simulations.
 
-Each job is a row, worked on in a process of its own, one at a time. The process says now and then
-how far it is; a job that fell silent, because its server was stopped, is begun again.
+Each job is a row, and runs in a child process, one at a time. The process writes its progress and a
+heartbeat. A job without a recent heartbeat, because its server was stopped, is restarted.
 """
 
 from __future__ import annotations
@@ -31,23 +31,23 @@ from .context import AppContext, utc_now
 log = logging.getLogger(__name__)
 
 WAITING, RUNNING, DONE, FAILED = "waiting", "running", "done", "failed"
-#: A job that was not heard of for so long has lost its server.
+#: A running job without a heartbeat for so long is restarted.
 SILENT_AFTER = timedelta(seconds=60)
-#: How often a process says that it is still there, in seconds.
+#: Interval of heartbeats in seconds.
 BEAT_S = 5.0
-#: A job whose worker was given up is lost after two beats that were not heard.
+#: A job whose worker was lost is itself lost after two missing heartbeats.
 LOST_AFTER = timedelta(seconds=2 * BEAT_S)
-#: How often progress is written at the most, in seconds.
+#: Shortest interval between two writes of progress, in seconds.
 _WRITE_EVERY_S = 1.0
 
 
 class JobStillRunningError(Exception):
-    """Somebody else was at the job just now."""
+    """The job's process is still running: it has a recent heartbeat."""
 
 
 @dataclass(frozen=True)
 class JobInfo:
-    """How far a job is. message: what came of it, or why nothing did."""
+    """The state and progress of a job. message: its result, or why it failed, as a sentence."""
 
     public_id: str
     kind: str
@@ -59,6 +59,7 @@ class JobInfo:
 
     @property
     def is_over(self) -> bool:
+        """Whether the job is done or has failed."""
         return self.state in (DONE, FAILED)
 
 
@@ -69,9 +70,10 @@ def enqueue(
     request: Mapping[str, Any],
     study_id: int | None = None,
 ) -> JobInfo:
-    """Ask for work of this kind; the same, asked for while it is under way, is done once.
+    """Create a job and start it. The caller's unfinished job with the same request is returned.
 
-    Raises NoRoomError, since every kind of work writes to the disk.
+    kind: a key of `app.job_handlers`. request: JSON object for the handler. Raises ServiceError for
+    an unknown kind, and NoRoomError, because every kind of job writes to the disk.
     """
     if kind not in app.job_handlers:
         raise ServiceError(f"expected work among {', '.join(app.job_handlers)}, got {kind!r}")
@@ -106,7 +108,7 @@ def enqueue(
 
 
 def status(app: AppContext, caller: Principal, public_id: str) -> JobInfo:
-    """How far the caller's job is. Raises NotFoundError."""
+    """The state of the caller's job; stalled jobs are restarted. Raises NotFoundError."""
     with app.database.read() as db:
         job = db.scalar(
             select(Job).where(Job.public_id == public_id, Job.account_id == caller.account_id)
@@ -122,7 +124,10 @@ def status(app: AppContext, caller: Principal, public_id: str) -> JobInfo:
 def newest(
     app: AppContext, kind: str, *, study_id: int | None = None, **request: Any
 ) -> JobInfo | None:
-    """The newest job of this kind, of a study or whose request says this; None if there is none."""
+    """The newest job of this kind, or None.
+
+    study_id: only jobs of this study. request: only jobs whose request has these items.
+    """
     statement = select(Job).where(Job.kind == kind).order_by(Job.id.desc())
     if study_id is not None:
         statement = statement.where(Job.study_id == study_id)
@@ -134,7 +139,7 @@ def newest(
 
 
 def restart_stalled(app: AppContext) -> None:
-    """Begin what waits, and what fell silent, again."""
+    """Start all waiting jobs, and those that run without a recent heartbeat."""
     since = utc_now() - SILENT_AFTER
     with app.database.read() as db:
         found = db.scalars(
@@ -153,7 +158,7 @@ def restart_stalled(app: AppContext) -> None:
 
 
 def run(settings: Settings, public_id: str, work: JobHandler) -> None:
-    """Do a job: what its process runs. Nothing is done if another process has it in hand."""
+    """Execute a job; the entry point of its child process. Returns if another process has it."""
     database = Database(settings.url)
     stop = threading.Event()
     try:
@@ -193,10 +198,10 @@ def _start(app: AppContext, info: JobInfo) -> None:
 
 
 def claim(database: Database, public_id: str, lost_after: timedelta = LOST_AFTER) -> str | None:
-    """The kind of a job that a worker is to do now; None if it is over, or was deleted.
+    """Claim a job for a worker, and return its kind; None if it is over or was deleted.
 
-    For one that nobody else is told to do: whoever had it before has been given up. If it was at
-    work all the same less than `lost_after` ago, JobInHandsError is raised.
+    The task queue gives a job to one worker at a time, so an earlier worker is known to be lost.
+    Raises JobStillRunningError if the job's process sent a heartbeat less than `lost_after` ago.
     """
     with database.write() as db:
         job = db.scalar(select(Job).where(Job.public_id == public_id).with_for_update())
@@ -210,7 +215,7 @@ def claim(database: Database, public_id: str, lost_after: timedelta = LOST_AFTER
 
 
 def release(database: Database, public_id: str) -> None:
-    """Let a job wait again, whose process was stopped."""
+    """Set a job back to waiting after its process was terminated."""
     with database.write() as db:
         db.execute(
             update(Job)
@@ -220,7 +225,7 @@ def release(database: Database, public_id: str) -> None:
 
 
 def fail(database: Database, public_id: str, message: str) -> None:
-    """End a job that is not over, and say why."""
+    """Mark an unfinished job as failed, with this message."""
     with database.write() as db:
         db.execute(
             update(Job)
@@ -230,7 +235,10 @@ def fail(database: Database, public_id: str, message: str) -> None:
 
 
 def process_died(database: Database, public_id: str, code: int) -> None:
-    """A process that was killed, for want of memory say: begun again it would be killed again."""
+    """Mark a job as failed after its process was killed: a restart would likely end the same way.
+
+    code: the exit status.
+    """
     fail(database, public_id, f"its process ended before its time (status {code})")
 
 
@@ -262,7 +270,7 @@ def _beat(database: Database, public_id: str, stop: threading.Event) -> None:
 
 
 class _Reporter:
-    """Writes how far a job is, not more often than anybody could read it."""
+    """Writes the progress of a job, at most once a second."""
 
     def __init__(self, database: Database, public_id: str) -> None:
         self._database = database

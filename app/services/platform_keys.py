@@ -1,7 +1,7 @@
-"""The public keys by which Prolific's signed links are verified: fetched, and kept for a day.
+"""The public keys that verify Prolific's signed links, fetched and cached for a day.
 
-They come from Prolific's published set, or from a file (`PBPO_PROLIFIC_KEYS`). An unknown key makes
-a server ask again at most once a minute, whatever links it is sent.
+They come from Prolific's published key set or from a file (`PBPO_PROLIFIC_KEYS`). An unknown key id
+causes a new request at most once a minute, however many links with such ids arrive.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ log = logging.getLogger(__name__)
 _KEPT_S = 24 * 3600.0
 _BETWEEN_S = 60.0
 _PATIENCE_S = 5.0
-#: For how long the consent may be read: the token is looked at again with the press.
+#: Leeway in seconds for reading the consent page: the token is verified again with its form.
 READING_S = 3600.0
 
 
 class PlatformKeys:
-    """The keys of one place: an address, or a file."""
+    """The keys of one key set. place: an https URL or the path of a file. Thread-safe."""
 
     def __init__(self, place: str) -> None:
         self._place = place
@@ -41,7 +41,11 @@ class PlatformKeys:
     def signed(
         self, came: Iterable[tuple[str, str]], address: str, leeway_s: float = 0
     ) -> dict[str, str]:
-        """The parameters of a link as Prolific signed them. Raises SignedLinkError."""
+        """Verify a signed link, and return the parameters in its token.
+
+        came: names and values of the link's parameters. address: the URL that the token must be
+        for. leeway_s: for how long an expired token is still accepted. Raises SignedLinkError.
+        """
         token = next((value for name, value in came if name == signed_links.PARAMETER), "")
         try:
             key = self._key(signed_links.key_id(token))

@@ -1,7 +1,7 @@
-"""Keys for the server's own use, derived from one random secret in the database.
+"""Derives the server's keys from one random secret in the database.
 
-The secret is made when the first process opens the database. All processes read the same one, and
-a backup carries it, so that what was signed before a restart or a restore is still recognised.
+The first process that opens the database creates the secret. All processes share it, and backups
+contain it, so that signatures remain valid after a restart or a restore.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ _BYTES = 32
 
 
 class ServerSecret:
-    """Derives one key for each purpose. The database is read once per process."""
+    """Derives one key for each purpose. Reads the database once per process. Thread-safe."""
 
     def __init__(self, database: Database) -> None:
         self._database = database
@@ -30,20 +30,20 @@ class ServerSecret:
         self._secret: bytes | None = None
 
     def ensure(self, now: datetime) -> None:
-        """Make the secret unless the database has one. Several processes may do so at once."""
+        """Create the secret unless there is one. Safe for concurrent processes."""
         if self._read() is not None:
             return
         try:
             with self._database.write() as db:
                 db.add(Row(id=1, secret=secrets.token_bytes(_BYTES), created_at=now))
         except IntegrityError:
-            # Another process has made it in the meantime: that one holds.
+            # Another process has created it meanwhile.
             pass
 
     def key(self, purpose: str) -> bytes:
-        """32 bytes, always the same for this purpose: HMAC-SHA256 of its name by the secret.
+        """The 32-byte key for this purpose: HMAC-SHA256 of its name under the secret.
 
-        Nothing about the secret, or about the key of another purpose, follows from a key.
+        A key reveals nothing about the secret or the keys of other purposes.
         """
         return hmac.digest(self._cached(), purpose.encode(), hashlib.sha256)
 

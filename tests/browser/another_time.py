@@ -14,7 +14,7 @@ from app.services.bootstrap import open_app
 def main() -> None:
     ahead = timedelta(hours=float(sys.argv.pop(1)))
     # The clock comes into the studio in this one place.
-    options.__dict__["open_studio"] = partial(open_app, now=lambda: datetime.now(UTC) + ahead)
+    options.__dict__["open_app"] = partial(open_app, now=lambda: datetime.now(UTC) + ahead)
     cli.main()
 
 

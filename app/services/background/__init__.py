@@ -1,1 +1,1 @@
-"""Background work: the interface, and its local and remote implementations."""
+"""Background work: the interface, its local and remote implementations, and jobs."""

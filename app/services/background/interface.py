@@ -1,8 +1,8 @@
 """Background work: rendering, precomputing, and jobs that take minutes.
 
-Two implementations: `LocalBackground` does it in this server's own threads and processes,
-`RemoteBackground` leaves rendering and jobs to workers. The same work asked for twice while it is
-under way is done once. Nothing is kept here: what is lost is done again when it is asked for.
+Two implementations: `LocalBackground` uses threads and child processes of this server,
+`RemoteBackground` enqueues rendering and jobs for workers. A key that is submitted again while it
+is waiting or running is executed once. Nothing is persistent here; callers submit lost work again.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Queue:
-    """What all servers together have left to workers: videos, and the workers that are there."""
+    """The render queue shared by all servers: waiting and running videos, and active workers."""
 
     waiting: int
     running: int
@@ -25,17 +25,17 @@ class Queue:
 
 
 class Background(Protocol):
-    """Runs functions elsewhere, each key at most once at a time."""
+    """Runs functions in the background, each key at most once at a time."""
 
     def in_thread(self, key: Hashable, function: Callable[..., T], *args: Any) -> Future[T]:
-        """Run `function(*args)` in the thread that works ahead."""
+        """Run `function(*args)` in the single background thread, used for precomputing."""
 
     def in_process(
         self, key: Hashable, function: Callable[..., T], *args: Any, urgent: bool = False
     ) -> Future[T]:
-        """Run `function(*args)`, both picklable, in a process of its own.
+        """Run `function(*args)`, both picklable, in a child process.
 
-        What is urgent, because somebody waits for it, overtakes all that is not.
+        urgent: put it at the head of the queue, because a person is waiting for it.
         """
 
     def as_job(
@@ -45,18 +45,18 @@ class Background(Protocol):
         *args: Any,
         died: Callable[[int], None],
     ) -> None:
-        """Run `function(*args)`, both picklable, in a process that may take minutes.
+        """Run `function(*args)`, both picklable, as a job that may take minutes.
 
-        Jobs come one after the other, and never in the way of a video. At the end of whoever runs
-        them they are stopped: whoever keeps them begins them again. `died` is told the exit status
-        of a process that ended otherwise than by returning.
+        Jobs run one at a time, apart from the queue of `in_process`. A running job is terminated
+        when its runner stops, and the `jobs` service restarts it. died: called with the exit status
+        if the process ends other than by returning.
         """
 
     def observe_queue(self, tell: Callable[[int, int], None]) -> None:
-        """Call `tell` with how much waits and how much runs in processes, whenever that changes."""
+        """Call `tell(waiting, running)` whenever the queue of `in_process` changes."""
 
     def queue(self) -> Queue | None:
-        """What waits for all servers together; None where each has a queue of its own."""
+        """The queue shared by all servers; None if each server has its own."""
 
     def close(self) -> None:
-        """Finish what is being done here, drop what has not begun; a job is stopped."""
+        """Finish running work, drop waiting work, and terminate a running job."""

@@ -1,4 +1,4 @@
-"""What a job is to its doer: what was asked for, and somebody to be told how far it is."""
+"""Types of job handlers and of the callback by which they report progress."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from typing import Any
 
 from app.services.runtime.settings import Settings
 
-#: Told how much of how much is done.
+#: Called with the number of finished steps and the total.
 ProgressCallback = Callable[[int, int], None]
-#: Work that a job does, by what was asked for; it returns what came of it, in a sentence. It runs
-#: in a process of its own, so it is a function that can be imported.
+#: Executes a job: takes the settings, the request and a progress callback, and returns the result
+#: as a sentence. It runs in a child process, so it must be an importable function.
 JobHandler = Callable[[Settings, Mapping[str, Any], ProgressCallback], str]

@@ -1,4 +1,4 @@
-"""Processes for jobs, which take minutes: each job has its own, so that it can be stopped."""
+"""Runner of jobs: one child process per job, which can be terminated."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from app.services.runtime.child_process import log_failure, set_up_child_process
 
 
 class JobProcesses:
-    """One process at a time, each of its own: it can be stopped, which a pool's cannot."""
+    """Runs jobs one at a time, each in a new process, which unlike a pool's can be terminated."""
 
     def __init__(self) -> None:
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="jobs")
@@ -30,7 +30,11 @@ class JobProcesses:
         args: tuple[Any, ...],
         died: Callable[[int], None],
     ) -> Future[bool]:
-        """Run `function(*args)` when its turn comes; False comes of it if it was stopped."""
+        """Queue `function(*args)`. The future's result is False if the job was terminated.
+
+        A key that is queued or running already is not queued again. died: called with the exit
+        status if the process fails.
+        """
         with self._lock:
             if (under_way := self._under_way.get(key)) is not None:
                 return under_way
@@ -45,7 +49,7 @@ class JobProcesses:
         return future
 
     def close(self) -> None:
-        """Stop the job that runs, and begin no other."""
+        """Terminate the running job, and drop the queued ones."""
         with self._lock:
             self._closed = True
             if self._process is not None:

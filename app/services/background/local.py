@@ -1,4 +1,4 @@
-"""Work in the background within one server: rendering in processes, working ahead in a thread."""
+"""Background work within one server: a thread, a pool of processes, and a runner of jobs."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ T = TypeVar("T")
 
 
 class LocalBackground(Background):
-    """One thread, `processes` processes for what is short, and one for jobs."""
+    """One thread for precomputing, `processes` processes for rendering, and one for jobs."""
 
     def __init__(self, processes: int) -> None:
         self._ahead = ThreadPoolExecutor(1, thread_name_prefix="work-ahead")
@@ -69,7 +69,7 @@ class LocalBackground(Background):
 
 
 class _Processes:
-    """A pool of processes with a queue that the urgent may jump: the pool's own has no order."""
+    """A process pool with a priority queue, which ProcessPoolExecutor does not have."""
 
     def __init__(self, number: int) -> None:
         self._number = number
@@ -114,7 +114,7 @@ class _Processes:
                 try:
                     inner = self._open_pool().submit(work)
                 except BrokenProcessPool:
-                    # A worker was killed, for want of memory say: the next ones start afresh.
+                    # A worker was killed, for example by the OOM killer: start a new pool.
                     self._pool = None
                     inner = self._open_pool().submit(work)
             inner.add_done_callback(partial(self._done, key, future))
@@ -123,7 +123,7 @@ class _Processes:
         if self._pool is None:
             self._pool = ProcessPoolExecutor(
                 self._number,
-                # A fork would copy the server's locks in whatever state they are.
+                # A fork would copy locks that other threads of the server hold.
                 mp_context=multiprocessing.get_context("spawn"),
                 initializer=set_up_child_process,
             )

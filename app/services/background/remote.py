@@ -1,6 +1,6 @@
-"""What is slow, left to workers: servers ask, and follow how far it is, in one thread.
+"""Background work by workers: enqueues tasks and polls their state, in one thread.
 
-Working ahead stays in the server: its outcome is kept in memory, and a step takes milliseconds.
+Precomputing stays in the server, because its results are cached in memory.
 """
 
 from __future__ import annotations
@@ -22,22 +22,22 @@ log = logging.getLogger(__name__)
 
 T = TypeVar("T")
 
-#: Somebody waits for it, or will ask for it later.
+#: Priorities of a rendering that a person is waiting for, and of one that will be needed later.
 URGENT, LATER = 10, 0
 
-#: How often those who wait are told how far it is, in seconds: less than anybody notices.
+#: Interval of polling in seconds, short enough not to be noticed.
 _POLL_S = 0.1
 
 
 class WorkerFailedError(Exception):
-    """A worker could not do what it was asked for; the message is that of its error."""
+    """A worker failed at the task. The message is that of its error."""
 
 
 class RemoteBackground(Background):
-    """The door of a server whose videos and jobs are made by workers.
+    """Leaves rendering and jobs to workers by the task queue.
 
-    Only what workers know can be asked for: videos, by ("render", locator). A future is done with
-    None: what came of it lies where it is kept.
+    `in_process` accepts only renderings, with the key ("render", locator), and ignores the
+    function. Its futures have the result None; the video is in the store.
     """
 
     def __init__(self, queue: TaskQueue) -> None:
@@ -45,7 +45,7 @@ class RemoteBackground(Background):
         self._local = LocalBackground(1)
         self._changed = threading.Condition()
         self._asked: list[Task] = []
-        #: Whoever waits for a task, by its key; and the tasks by their ids in the queue.
+        #: Futures of waiting callers by the task's key; keys of the polled tasks by id.
         self._waiting: dict[str, Future[Any]] = {}
         self._followed: dict[int, str] = {}
         self._thread: threading.Thread | None = None
@@ -68,7 +68,7 @@ class RemoteBackground(Background):
             future = self._waiting.get(task.key)
             if future is None:
                 future = self._waiting[task.key] = Future()
-                # Nobody can call it off: others may wait for it as well.
+                # It cannot be cancelled, because several callers may share it.
                 future.set_running_or_notify_cancel()
             elif not urgent:
                 return future
@@ -86,7 +86,7 @@ class RemoteBackground(Background):
             self._submit(Task(JOB, str(key)))
 
     def observe_queue(self, tell: Callable[[int, int], None]) -> None:
-        """Nothing is told: each server would tell of the one queue of all, as if it had its own."""
+        """A no-op: each server would report the shared queue as its own."""
 
     def queue(self) -> Queue:
         waiting, running = self._queue.count(RENDER)
@@ -137,7 +137,7 @@ class RemoteBackground(Background):
         try:
             states = self._queue.states(list(self._followed))
         except Exception as error:
-            # Who waits is told now, and may ask again; what was asked for stays in the queue.
+            # The waiting callers get the error and may retry; the tasks stay in the queue.
             log.exception("how far workers are could not be looked up")
             for task_id in list(self._followed):
                 self._end(self._followed.pop(task_id), error)
@@ -159,17 +159,17 @@ class RemoteBackground(Background):
 
 
 def format_error(error: BaseException) -> str:
-    """How a worker says why it failed, for whoever waits: `_error_of` reads it."""
+    """The text of a worker's error in the queue; `_parse_error` reads it."""
     return f"{type(error).__name__}: {error}"
 
 
 def _parse_error(state: State | None) -> Exception | None:
-    """Why a task that is over failed; None if it was done."""
+    """The error of a finished task; None if it succeeded."""
     if state is None:
         return None
     fault = state.fault or f"a worker left it {state.status}"
     kind, _, message = fault.partition(": ")
     if kind == StoreAwayError.__name__:
-        # As if it had been away from here: whoever waits may ask again.
+        # As if the store had been away for this server: the caller may retry.
         return StoreAwayError(message)
     return WorkerFailedError(fault)

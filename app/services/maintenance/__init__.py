@@ -1,1 +1,1 @@
-"""Periodic and operational work: retention, cleanup, backups, and what a worker runs."""
+"""Periodic and operational tasks: retention, cleanup, backups, and the tasks of a worker."""

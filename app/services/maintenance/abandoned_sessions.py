@@ -1,7 +1,7 @@
-"""Sessions whose person never came to consent: nobody's data, removed after a day.
+"""Deletes sessions that are still without consent after a day.
 
-A page begins a session only once its person agrees. What is left are sessions that programs began
-and did nothing with. They go without a tombstone: nobody took part.
+A page creates a session only when the participant agrees, so these were created through the API and
+abandoned. They leave no tombstone, because nobody took part.
 """
 
 from __future__ import annotations
@@ -18,18 +18,21 @@ from app.storage.models.studies import Participant, SessionRow, Study
 from app.study.protocol import Stage
 
 KEPT = timedelta(days=1)
-#: So many at a time, so that nobody who begins has to wait.
+#: Sessions deleted in one transaction, few enough not to delay new participants.
 _AT_ONCE = 500
 
 
 def count(app: AppContext) -> int:
-    """How many are due."""
+    """Number of sessions that are due for deletion."""
     with app.database.read() as db:
         return db.scalar(select(func.count(SessionRow.id)).where(_due(app.now()))) or 0
 
 
 def sweep(app: AppContext, stop: Callable[[], bool] = lambda: False) -> int:
-    """Remove what is due; how many went. stop: asked before each batch; True ends the sweep."""
+    """Delete the sessions that are due, and return their number.
+
+    stop: called before each batch; True ends the cleanup.
+    """
     with app.database.read() as db:
         studies = db.scalars(select(SessionRow.study_id).where(_due(app.now())).distinct()).all()
     gone = 0
@@ -41,13 +44,13 @@ def sweep(app: AppContext, stop: Callable[[], bool] = lambda: False) -> int:
             if removed < _AT_ONCE:
                 break
     if gone:
-        # A platform's id may have come with one of them.
+        # They may include ids of platforms.
         app.database.scrub()
     return gone
 
 
 def _remove(db: Session, study_id: int, now: datetime) -> int:
-    # As an arrival does it: nobody begins a session for a person who is just being removed.
+    # The same lock as at arrival, so that no session is created for a participant being deleted.
     db.execute(select(Study.id).where(Study.id == study_id).with_for_update())
     batch = (
         select(SessionRow.id)

@@ -1,9 +1,8 @@
-"""A studio as one file, taken while it serves people, and a studio made of such a file.
+"""Backs up a running installation into one file, and restores it from such a file.
 
-The file is a zip: the database, studies' own videos, the ledger of deletions, and a manifest with
-the rows of each table and the SHA-256 of each file. Videos of the crane are not in it: they are
-made again when they are asked for. Videos in a store of the network stay there: the manifest names
-them.
+The file is a zip of the database, studies' own videos, the deletion log, and a manifest with the
+number of rows of each table and the SHA-256 of each file. Videos of the crane are not included,
+since they can be rendered again; videos in an object store are only listed in the manifest.
 """
 
 from __future__ import annotations
@@ -47,17 +46,17 @@ LEDGER = "deletions.log"
 UPLOADS = "uploads"
 _PIECE = 1 << 20
 
-#: Where a backup is put together; one that is killed leaves a copy of the database there.
+#: Prefix of the temporary folders. A backup that is killed leaves a copy of the database in one.
 _UNFINISHED = ".pbpo-backup-"
 _BACKUPS_LAST = timedelta(days=1)
 
 
 @dataclass(frozen=True)
 class Backup:
-    """What a backup holds: rows by table, and how many files besides the database.
+    """The contents of a backup: rows by table, and the number of files besides the database.
 
-    store, elsewhere: where studies' own videos were kept that are not in it, and how many those
-    were; "" and 0 where they are in it.
+    store, elsewhere: the object store that has studies' own videos, and their number; "" and 0 if
+    the videos are in the backup.
     """
 
     made_at: datetime
@@ -71,9 +70,9 @@ class Backup:
 
 @dataclass(frozen=True)
 class Restored:
-    """What came of a backup: what it held, and how many deletions were carried out again.
+    """The result of a restore: the backup's contents, and the number of repeated deletions.
 
-    missing: videos of studies that are not where recordings are kept, or cannot be reached there.
+    missing: number of studies' own videos that are not in the store, or cannot be reached there.
     """
 
     backup: Backup
@@ -82,10 +81,10 @@ class Restored:
 
 
 def backup(settings: Settings, target: Path, now: datetime) -> Backup:
-    """Write everything that cannot be made again into a new file, readable by its owner alone.
+    """Write everything that cannot be recreated into a new file that only its owner can read.
 
-    What backups that were killed have left beside it is thrown away after a day. Raises
-    ConflictError if there is a file already, or if the database cannot be read.
+    Also deletes what killed backups left in the same folder more than a day ago. Raises
+    ConflictError if the file exists or the database cannot be read.
     """
     if target.exists():
         raise ConflictError(f"expected a new file, and {target} is there already")
@@ -129,11 +128,11 @@ def backup(settings: Settings, target: Path, now: datetime) -> Backup:
 
 
 def restore(source: Path, settings: Settings, ledgers: Sequence[Path], now: datetime) -> Restored:
-    """Make a studio of a backup, in a new or empty folder, at the newest schema.
+    """Restore a backup into a new or empty folder, and migrate it to the newest schema.
 
-    Every file's hash and every table's rows are compared with the manifest. Then what the ledgers
-    name, and the one that the studio will have, is deleted again. Nothing stays in the folder or in
-    the database if anything is wrong. Raises ConflictError.
+    Every file's hash and every table's number of rows are compared with the manifest. Then all
+    deletions in `ledgers`, in the backup's log and in the installation's own are repeated. On any
+    error the folder and the database are emptied again. Raises ConflictError.
     """
     if not source.is_file():
         raise ConflictError(f"expected a backup at {source}, and there is no such file")
@@ -160,8 +159,11 @@ def _make_good(
     manifest: dict[str, Any],
     now: datetime,
 ) -> tuple[int, int]:
-    """Bring what was loaded up to now; how many deletions that took, and how many videos lack."""
-    # Whoever serves it makes the queue of its workers.
+    """Migrate the restored database and repeat the deletions.
+
+    Returns the number of repeated deletions and of missing videos.
+    """
+    # The server that opens it later creates the queue of the workers.
     alone = settings.model_copy(update={"workers_apart": False})
     app = open_app(alone, now=lambda: now, restoring=True)
     try:
@@ -203,7 +205,7 @@ def _besides(settings: Settings) -> Iterator[tuple[str, Path]]:
 
 
 def _elsewhere(settings: Settings) -> dict[str, Any] | None:
-    """Where studies' own videos are, and what they are called, if they are not in this folder."""
+    """The object store and the names of studies' own videos; None if they are in a folder."""
     if not settings.recordings_url:
         return None
     database = Database(settings.url)
@@ -220,7 +222,7 @@ def _own_videos(database: Database) -> list[str]:
 
 
 def _settle_videos(app: AppContext) -> None:
-    """Delete restored videos of studies that are deleted again; move others where they belong."""
+    """Move restored videos into the store, except those of studies that were deleted again."""
     videos = {path.name: path for path in app.settings.uploads_dir.glob("*") if path.is_file()}
     for name in videos.keys() - set(_own_videos(app.database)):
         videos.pop(name).unlink()
@@ -236,7 +238,7 @@ def _missing(app: AppContext) -> int:
 
 
 def _add(archive: zipfile.ZipFile, name: str, path: Path, *, packed: bool) -> dict[str, Any]:
-    """Add a file; its hash and size, of the very bytes that went in."""
+    """Add a file to the archive; returns its manifest entry: hash and size of the bytes written."""
     info = zipfile.ZipInfo.from_file(path, name, strict_timestamps=False)
     # Videos are packed already.
     info.compress_type = zipfile.ZIP_DEFLATED if packed else zipfile.ZIP_STORED
@@ -255,7 +257,7 @@ def _copy(source: Any, target: Any) -> tuple[str, int]:
 
 
 def _unpack(source: Path, settings: Settings) -> dict[str, Any]:
-    """Put all files into the folder, each as the manifest says; the manifest."""
+    """Unpack all files into the folder, check them against the manifest, and return it."""
     try:
         with zipfile.ZipFile(source) as archive:
             manifest = _manifest(archive, source)
@@ -287,7 +289,7 @@ def _ledger_of_backup(settings: Settings) -> list[deletion_log.Deleted]:
 
 @contextmanager
 def _loaded(source: Path, settings: Settings, manifest: dict[str, Any]) -> Iterator[None]:
-    """The unpacked database is put where it belongs; that is final when the block is left well."""
+    """Load the unpacked database; it is removed again if the block raises an exception."""
     unpacked = settings.data_dir / DATABASE
     try:
         with dump_restore.loaded(unpacked, settings.url) as held:

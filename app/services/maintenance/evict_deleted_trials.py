@@ -1,8 +1,8 @@
-"""Forgetting what was deleted elsewhere: by another server, by a worker, or by a command.
+"""Evicts trials from this process's caches that another process has deleted.
 
-Whoever deletes a trial forgets it at once, but only in a process of their own. So each server asks
-the database now and then which of the trials that it remembers are still kept, and throws away what
-it has worked out for all others. What was under way meanwhile is thrown away the next time.
+A deletion evicts the trial in its own process only: a server, a worker or a command. Each server
+therefore checks periodically which cached trials still exist. A step that is being computed during
+the check is evicted by the next one.
 """
 
 from __future__ import annotations
@@ -14,13 +14,13 @@ from app.storage.models.studies import Trial
 
 
 def evict_deleted(app: AppContext) -> int:
-    """Throw away what is remembered of trials that are not kept; how many these were."""
+    """Evict all cached trials that are not in the database, and return their number."""
     remembered = app.proposer.cached_seeds()
     if not remembered:
         return 0
     with app.database.read() as db:
         kept = db.scalars(select(Trial.seed).where(Trial.seed.in_(remembered)))
         gone = remembered.difference(kept)
-    # A trial that is just beginning may be among them: it loses some milliseconds, and no more.
+    # A trial that is just starting may be evicted too; its steps are computed again.
     app.proposer.evict(gone)
     return len(gone)

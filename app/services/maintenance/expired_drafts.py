@@ -1,4 +1,4 @@
-"""Studies being made that nobody went on with: thrown away after a while without a change."""
+"""Deletes study drafts that have not been changed for a number of days, and leftover folders."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from app.services.drafts import drafts
 from app.services.drafts.drafts import Draft
 from app.storage.models.records import StudyDraft
 
-#: A folder without a row is of an upload that is under way, or of one that was cut off long ago.
+#: A folder without a row and younger than this may belong to an upload in progress.
 _UPLOADS_LAST = timedelta(days=1)
 
 
 def kept_until(app: AppContext, draft: Draft) -> datetime:
-    """When the draft is thrown away if nothing of it changes."""
+    """When the draft expires unless it is changed."""
     return draft.changed_at + _kept(app)
 
 
 def sweep(app: AppContext, stop: Callable[[], bool] = lambda: False) -> int:
-    """Throw away what is due; how many went. stop: asked before each; True ends the sweep."""
+    """Delete expired drafts, and return their number. stop: called before each; True ends it."""
     with app.database.read() as db:
         rows = db.execute(select(StudyDraft.public_id, StudyDraft.changed_at)).all()
     due_since = app.now() - _kept(app)
@@ -36,7 +36,7 @@ def sweep(app: AppContext, stop: Callable[[], bool] = lambda: False) -> int:
 
 
 def _delete_draft(app: AppContext, public_id: str, due_since: datetime) -> int:
-    """1 if it went; 0 if it has gone already, or was changed meanwhile."""
+    """Delete the draft; returns 1, or 0 if it is gone already or was changed meanwhile."""
     with app.database.write() as db:
         found = db.scalar(
             delete(StudyDraft)
@@ -53,7 +53,7 @@ def _delete_draft(app: AppContext, public_id: str, due_since: datetime) -> int:
 
 
 def _clear_folders(app: AppContext, known: set[str], stop: Callable[[], bool]) -> int:
-    """Folders of drafts that do not exist; `known` were there before any folder was looked at."""
+    """Delete folders without a draft. known: ids of the drafts, read before listing folders."""
     root = drafts.folder_of(app, "")
     gone = 0
     for path in sorted(root.iterdir()) if root.is_dir() else ():

@@ -1,7 +1,7 @@
-"""Videos that whoever wrote them left unfinished, killed in the middle: removed after a day.
+"""Deletes partial video files, left by processes that were killed while writing, after a day.
 
-They lie beside the videos under names that no video has, so they are never shown, and only take
-room. Each process looks through its own machine's folders.
+Their names differ from those of videos, so they are never shown and only take up space. Each
+process cleans the folders of its own machine.
 """
 
 from __future__ import annotations
@@ -16,15 +16,15 @@ from app.services.context import AppContext
 
 log = logging.getLogger(__name__)
 
-#: Whatever is still being written was written to since.
+#: Files that are still being written have been modified more recently.
 KEPT = timedelta(days=1)
 
-#: What a video is called while it is written: by the hash of what it shows, and by who writes it.
+#: Names of partial files: the video's hash, and the id of the writing process.
 _UNFINISHED = re.compile(r"\.?[0-9a-f]{32,64}\.(\w+\.)+part")
 
 
 def sweep(app: AppContext, stop: Callable[[], bool] = lambda: False) -> int:
-    """Remove what is left; how many files went. stop: asked before each; True ends the sweep."""
+    """Delete partial files, and return their number. stop: called before each; True ends it."""
     written_before = (app.now() - KEPT).timestamp()
     gone = 0
     for folder in (app.settings.media_dir, app.settings.own_videos):
@@ -36,7 +36,7 @@ def sweep(app: AppContext, stop: Callable[[], bool] = lambda: False) -> int:
                     path.unlink()
                     gone += 1
             except FileNotFoundError:
-                pass  # another process was quicker: to finish it, or to remove it
+                pass  # another process has finished or deleted it meanwhile
             except OSError as error:
                 log.error("an unfinished video cannot be removed: %s", error)
     return gone

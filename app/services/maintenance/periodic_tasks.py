@@ -1,4 +1,4 @@
-"""The periodic tasks of a server: one table of what is done how often, and one thread that does it.
+"""The periodic tasks of a server: a table of tasks with periods, and the thread that runs them.
 
 A task that fails is logged and tried again when it is next due; the others are not affected.
 """
@@ -24,7 +24,7 @@ from . import abandoned_sessions, evict_deleted_trials, expired_drafts, partial_
 
 log = logging.getLogger(__name__)
 
-#: Asked between two steps of a task: True ends it, and its next run goes on.
+#: Called between two steps of a task: True ends it early, and the next run continues.
 Stop = Callable[[], bool]
 
 HOUR_S = 3600.0
@@ -32,21 +32,24 @@ HOUR_S = 3600.0
 
 @dataclass(frozen=True)
 class Task:
-    """name: completes the sentence "deleted 3 ...". run: returns how many it dealt with."""
+    """One periodic task.
+
+    name: completes the log message "deleted 3 ...". run: returns the number of deleted items.
+    """
 
     name: str
     period_s: float
     run: Callable[[AppContext, Stop], int]
 
 
-#: Done by every process, for its own memory and its own machine's folders.
+#: Run by every process, for its own memory and its own machine's folders.
 OF_EACH_PROCESS = (
     Task(
         "deleted trials from memory", 60.0, lambda app, _: evict_deleted_trials.evict_deleted(app)
     ),
     Task("unfinished videos", HOUR_S, partial_files.sweep),
 )
-#: Done by one server or worker at a time, for all of them.
+#: Run by one server or worker at a time, for the whole installation.
 OF_THE_STUDIO = (
     Task("rows and ids that were due by a retention rule", HOUR_S, retention.delete_due),
     Task("sessions without consent", HOUR_S, abandoned_sessions.sweep),
@@ -59,7 +62,7 @@ OF_THE_STUDIO = (
 
 
 def run_all(app: AppContext, stop: Stop = lambda: False) -> None:
-    """Run all tasks of the studio now, unless another server or worker is running them."""
+    """Run the tasks of the installation now, unless another server or worker is running them."""
     try:
         with try_advisory_lock(app.database, AdvisoryLock.RETENTION) as is_alone:
             if is_alone:
@@ -71,10 +74,10 @@ def run_all(app: AppContext, stop: Stop = lambda: False) -> None:
 
 @contextmanager
 def running(app: AppContext, *, of_the_studio: bool) -> Iterator[None]:
-    """Within this, a thread runs the tasks: at once, and then each after its period.
+    """Run the tasks in a thread during the block: immediately, and then each after its period.
 
-    of_the_studio: whether those are run here that one process does for all. The end waits for the
-    task that is under way, since the database is closed then.
+    of_the_studio: whether to run the tasks of the whole installation as well. Leaving the block
+    waits for the running task, because the database is closed afterwards.
     """
     stopping = threading.Event()
     rounds: list[tuple[float, Callable[[], None]]] = [

@@ -1,4 +1,4 @@
-"""Deleting again, in a restored database, what was deleted after its backup was made."""
+"""Repeats, in a restored database, the deletions since its backup, by the deletion log."""
 
 from __future__ import annotations
 
@@ -15,7 +15,10 @@ from app.storage.models.studies import Identity, SessionRow, Study
 
 
 def apply(app: AppContext, lines: Iterable[Deleted]) -> int:
-    """Delete what the ledger names and the database holds; how many deletions that were."""
+    """Delete what the log's lines name, and return the number of deletions.
+
+    Lines whose session or study is not in the database are ignored.
+    """
     by_key = {(line.what, line.key): line for line in lines}
     done = 0
     with app.database.write() as db:
@@ -32,7 +35,7 @@ def apply(app: AppContext, lines: Iterable[Deleted]) -> int:
                 (deletion_log.RETENTION, key)
             ):
                 session = db.get(SessionRow, row_id)
-                # A person's first session may have taken this one with it.
+                # Deleting an earlier session of the same participant may have deleted this one.
                 if session is not None:
                     reason: deletion.Reason = (
                         "wish" if line.what == deletion_log.WISH else "retention"

@@ -1,9 +1,9 @@
-"""Keeping a study's word on how long it keeps what it was given.
+"""Retention: deletes sessions and ids of platforms when the plan's retention period has passed.
 
-A sweep deletes whatever is due by the plan that each session began under: one transaction for each
-session, so that nobody who answers has to wait. Each looks again at what is due, so two sweeps at
-once do no harm. Where it fails in one study, the others' word is kept, and its overview tells of
-it. Simulated sessions are nobody's, and stay.
+Each session is subject to the plan it began under. It is deleted in a transaction of its own, which
+checks again that it is due; so responses are not delayed, and two runs at once do no harm. If one
+study fails, the others are still processed, and the study's overview reports the failure. Simulated
+sessions contain no personal data and are kept.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ log = logging.getLogger(__name__)
 
 @dataclass
 class CleanupResult:
-    """What a sweep deleted (or would delete) of one study, and whether it failed there."""
+    """Numbers of deletions in one study (in a dry run: of what is due), and whether it failed."""
 
     sessions: int = 0
     people_without_ids: int = 0
@@ -38,7 +38,7 @@ class CleanupResult:
 
 @dataclass
 class _Found:
-    """What is due of one study: ids of sessions, and of people whose platform ids go."""
+    """What is due in one study: ids of sessions, and of participants whose platform ids are due."""
 
     sessions: list[int] = field(default_factory=list)
     people: list[int] = field(default_factory=list)
@@ -51,9 +51,10 @@ def run(
     actor: str = audit_log.RETENTION_RULE,
     stop: Callable[[], bool] = lambda: False,
 ) -> dict[str, CleanupResult]:
-    """Delete what is due, or (dry_run) only count it: by slug, where anything is, or it failed.
+    """Delete what is due, or with dry_run only count it.
 
-    stop: asked before each deletion; True ends the sweep, and the next one goes on.
+    Returns the results by slug, for studies where something was due or the deletion failed. stop:
+    called before each deletion; True ends the run, and the next one continues.
     """
     with app.database.read() as db:
         slugs = db.scalars(select(Study.slug).order_by(Study.id)).all()
@@ -79,7 +80,7 @@ def run(
 
 
 def delete_due(app: AppContext, stop: Callable[[], bool]) -> int:
-    """Delete what is due, and log it by study; how many sessions and people's ids went."""
+    """Delete what is due, log it by study, and return the number of deletions."""
     found = run(app, stop=stop)
     for slug, swept in found.items():
         log.info("retention of %s: %s", slug, swept)
@@ -87,7 +88,7 @@ def delete_due(app: AppContext, stop: Callable[[], bool]) -> int:
 
 
 def _due(app: AppContext, db: Session, slug: str) -> _Found:
-    """What is due of a study: nothing where it has no rule, or has gone meanwhile."""
+    """What is due in a study; nothing if it has no rule or was deleted meanwhile."""
     found = _Found()
     study = db.scalar(select(Study).where(Study.slug == slug))
     if study is None:
@@ -111,7 +112,7 @@ def _due(app: AppContext, db: Session, slug: str) -> _Found:
         said = due(rules[plan_id], ended_at, expires_at, app.now())
         if said.everything:
             found.sessions.append(row_id)
-        # Ids are a person's: they are needed as long as any session of theirs needs them.
+        # Ids belong to a participant: they are kept as long as any of their sessions needs them.
         may_go[person] = may_go.get(person, True) and said.identities
     named = set(
         db.scalars(
@@ -132,7 +133,7 @@ def _sweep(
     actor: str,
     stop: Callable[[], bool],
 ) -> None:
-    """Delete what was found due; `swept` says how far it came, also where it fails."""
+    """Delete what is due. swept: updated after each deletion, so it is right after an error."""
     seeds: frozenset[int] = frozenset()
     try:
         for person in found.people:
@@ -149,7 +150,7 @@ def _sweep(
                 swept.sessions += 1
                 seeds |= gone
     finally:
-        # Also when a deletion failed: what was deleted before it is gone, and has to be told.
+        # Also after an error: the deletions before it are committed and must be logged.
         if swept != CleanupResult():
             audit_log.note_alone(
                 app,
@@ -163,7 +164,7 @@ def _sweep(
 
 
 def _delete_ids(app: AppContext, db: Session, person: int) -> int:
-    """1 if there were ids to delete and they are still due, else 0."""
+    """Delete a participant's ids if they are still due; returns 1 if there were any, else 0."""
     db.get(Participant, person, with_for_update=True)
     rows = db.scalars(select(SessionRow).where(SessionRow.participant_id == person)).all()
     if not all(_due_of(app, row).identities for row in rows):
@@ -175,7 +176,7 @@ def _delete_ids(app: AppContext, db: Session, person: int) -> int:
 
 
 def _delete_session(app: AppContext, db: Session, session_id: int) -> frozenset[int] | None:
-    """The seeds of the session's trials; None if it is gone already, or not due any more."""
+    """Delete a session, and return the seeds of its trials; None if it is gone or no longer due."""
     session = db.get(SessionRow, session_id, with_for_update=True)
     if session is None or not _due_of(app, session).everything:
         return None

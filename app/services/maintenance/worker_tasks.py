@@ -1,6 +1,6 @@
-"""What a worker does for the servers: videos, jobs, and keeping studies' word on retention.
+"""The tasks of a worker, as Procrastinate runs them: rendering, jobs, and periodic cleanup.
 
-Each task is done to its end or given back: whoever takes it up next goes on with what is missing.
+A task either finishes or is requeued, and its next run does only what is missing.
 """
 
 from __future__ import annotations
@@ -41,13 +41,13 @@ from . import periodic_tasks
 
 log = logging.getLogger(__name__)
 
-#: A task that took so many workers with it, or so many processes, is not tried again.
+#: A task during which so many workers or processes died is not retried.
 MOST_LOSSES = 3
-#: How long why a task failed is kept, in hours.
+#: How long failed tasks are kept, in hours.
 _FAULTS_KEPT_H = 24
-#: How long somebody who still has a job in hand is waited for before the next look, in seconds.
+#: Delay before retrying a job whose earlier process still runs, in seconds.
 _IN_HANDS_S = 2
-#: What passes by itself is given so long to do so, in seconds.
+#: Delay before retrying after a temporary failure, in seconds.
 _PASSES_S = 2
 
 T = TypeVar("T")
@@ -55,10 +55,10 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class HeartbeatConfig:
-    """How often a worker is heard of, and how long it may be silent until it is given up.
+    """Heartbeat of workers, in seconds.
 
-    beat_s: between two signs of life. gone_after_s: then others take its tasks. job_lost_after_s:
-    for a job, its own process must have been silent for so long as well. All in seconds.
+    beat_s: interval. gone_after_s: silence after which a worker's tasks are requeued.
+    job_lost_after_s: silence of a job's own process after which the job may be restarted.
     """
 
     beat_s: float = 2.0
@@ -67,22 +67,22 @@ class HeartbeatConfig:
 
 
 class TaskReleasedError(Exception):
-    """The worker was told to stop before the task was done."""
+    """The worker was stopped before the task was finished, so the task is requeued."""
 
 
 class WorkerTasks:
-    """A worker's hands: processes for videos, one for a job at a time, a thread for the rest."""
+    """Runs renderings in a process pool, jobs one at a time in a process, cleanup in a thread."""
 
     def __init__(self, app: AppContext, queue: TaskQueue, heartbeat: HeartbeatConfig) -> None:
-        self._studio = app
+        self._app = app
         self._heartbeat = heartbeat
         self._queue = queue
         self._jobs = JobProcesses()
         self._stopping = threading.Event()
 
     def app(self) -> procrastinate.App:
-        """What Procrastinate has to know: where the queue is, and who does which task."""
-        queue_app = procrastinate.App(connector=procrastinate_connector(self._studio.settings.url))
+        """The Procrastinate app with the queue's connection and the three tasks."""
+        queue_app = procrastinate.App(connector=procrastinate_connector(self._app.settings.url))
         again = _RetryStrategy()
         queue_app.task(name=RENDER, queue=RENDER, retry=again, pass_context=True)(self._render)
         queue_app.task(name=JOB, queue=JOB, retry=again, pass_context=True)(self._job)
@@ -95,25 +95,25 @@ class WorkerTasks:
             queueing_lock=alone,
             pass_context=True,
         )(self._sweep)
-        # Each hour once, however many workers there are: the queue sees to that.
+        # Once an hour in total: the queueing lock keeps several workers from repeating it.
         queue_app.periodic(cron="0 * * * *")(sweep)
         return queue_app
 
     def enqueue_retention(self) -> None:
-        """A sweep now, as when a server starts: the next full hour may be far."""
+        """Enqueue a cleanup now, as when a server starts; the next full hour may be far away."""
         self._queue.enqueue(Task(RETENTION, ""))
 
     def stop(self) -> None:
-        """Give back the job in hand, and begin no other; a sweep ends after its next deletion."""
+        """Terminate the running job, which is requeued; a cleanup ends after its next deletion."""
         self._stopping.set()
         self._jobs.close()
 
     def requeue_stalled(self) -> None:
-        """Let those tasks be done by others whose worker was not heard of any more."""
+        """Requeue the tasks of workers that stopped sending heartbeats."""
         for lost in self._queue.requeue_stalled(self._heartbeat.gone_after_s, MOST_LOSSES):
             log.warning("a worker was lost", extra={"task": lost.name, "what": lost.argument})
             if lost.is_over and lost.name == JOB:
-                jobs.fail(self._studio.database, lost.argument, lost.fault)
+                jobs.fail(self._app.database, lost.argument, lost.fault)
 
     async def _render(
         self, context: procrastinate.JobContext, /, argument: str, **_noted: object
@@ -128,20 +128,20 @@ class WorkerTasks:
     async def _sweep(
         self, context: procrastinate.JobContext, /, timestamp: int = 0, **_noted: object
     ) -> None:
-        await asyncio.to_thread(periodic_tasks.run_all, self._studio, self._stopping.is_set)
-        # Nobody waits for these any more.
+        await asyncio.to_thread(periodic_tasks.run_all, self._app, self._stopping.is_set)
+        # No server waits for these any longer.
         await context.app.job_manager.delete_old_jobs(
             _FAULTS_KEPT_H, include_failed=True, include_cancelled=True, include_aborted=True
         )
 
     async def _make_video(self, locator: str) -> None:
-        making = self._studio.background.in_process(
-            (RENDER, locator), recordings.make_video, self._studio.settings, locator, urgent=True
+        making = self._app.background.in_process(
+            (RENDER, locator), recordings.make_video, self._app.settings, locator, urgent=True
         )
         await _uncancelled(making)
 
     async def _do_job(self, public_id: str) -> None:
-        database, job_handlers = self._studio.database, self._studio.job_handlers
+        database, job_handlers = self._app.database, self._app.job_handlers
         lost_after = timedelta(seconds=self._heartbeat.job_lost_after_s)
         kind = await asyncio.to_thread(jobs.claim, database, public_id, lost_after)
         if kind is None:
@@ -151,7 +151,7 @@ class WorkerTasks:
         running = self._jobs.submit(
             public_id,
             jobs.run,
-            (self._studio.settings, public_id, job_handlers[kind]),
+            (self._app.settings, public_id, job_handlers[kind]),
             partial(jobs.process_died, database, public_id),
         )
         if not await _uncancelled(running):
@@ -159,7 +159,7 @@ class WorkerTasks:
             raise TaskReleasedError
 
     async def _run_logged(self, task: Job, doing: Coroutine[Any, Any, None]) -> None:
-        """Log the task when it is done; where it fails for good, say why to who waits for it."""
+        """Run a task and log its end. If it fails for good, store the reason for the server."""
         began = time.monotonic()
         try:
             await doing
@@ -175,7 +175,7 @@ class WorkerTasks:
         assert task.id is not None
         self._queue.note_fault(task.id, fault)
         if task.task_name == JOB:
-            jobs.fail(self._studio.database, str(task.task_kwargs["argument"]), fault)
+            jobs.fail(self._app.database, str(task.task_kwargs["argument"]), fault)
 
 
 class _RetryStrategy(procrastinate.BaseRetryStrategy):
@@ -186,20 +186,20 @@ class _RetryStrategy(procrastinate.BaseRetryStrategy):
 
 
 async def _uncancelled(work: Future[T]) -> T:
-    """What comes of the work, which goes on and is logged where nobody can wait for it."""
+    """Await a future. Cancelling the caller leaves the work running, and its result is ignored."""
     done = asyncio.wrap_future(work)
     done.add_done_callback(lambda it: it.cancelled() or it.exception())
     return await asyncio.shield(done)
 
 
 def _decision(error: BaseException, task: Job) -> procrastinate.RetryDecision | None:
-    """When the task is tried again after an error; None where that would be of no use."""
+    """When to retry a task after this error; None to fail it."""
     if isinstance(error, jobs.JobStillRunningError):
         return procrastinate.RetryDecision(retry_in={"seconds": _IN_HANDS_S})
     if isinstance(error, TaskReleasedError | asyncio.CancelledError):
         return procrastinate.RetryDecision(retry_in={"seconds": 0})
-    # Its process was killed, for want of memory say, or the database or the store of recordings was
-    # away: no fault of its own.
+    # Temporary: the process was killed, for example by the OOM killer, or the database or the store
+    # of recordings was away.
     passing = isinstance(error, BrokenProcessPool | OperationalError | StoreAwayError)
     if passing and task.attempts + 1 < MOST_LOSSES:
         return procrastinate.RetryDecision(retry_in={"seconds": _PASSES_S})

@@ -1,1 +1,1 @@
-"""What every service rests on: errors, settings, ids, logs, metrics and child processes."""
+"""Foundations of all services: errors, settings, ids, logs, metrics and child processes."""

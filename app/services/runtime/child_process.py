@@ -1,4 +1,4 @@
-"""What every process that works for a server keeps to: it yields, and it leaves with its server."""
+"""Setup of child processes: lower priority, exit when the parent dies, SIGINT ignored."""
 
 from __future__ import annotations
 
@@ -15,10 +15,11 @@ log = logging.getLogger(__name__)
 
 
 def set_up_child_process(yields: int = 10) -> None:
-    """Make a worker leave when its server is killed: a pool's workers would wait for ever.
+    """Set up this process as a child of a server: call it first in the child.
 
-    yields: how much to those who answer pages, as a process's niceness. On a busy machine 10 leaves
-    it a tenth of what a page gets, 5 a third.
+    The process exits when its parent dies; otherwise the workers of a killed server would wait
+    forever. yields: increment of the niceness. On a busy machine, 10 leaves the process a tenth of
+    the server's CPU time, 5 a third.
     """
     parent = multiprocessing.parent_process()
 
@@ -28,12 +29,12 @@ def set_up_child_process(yields: int = 10) -> None:
             os._exit(0)
 
     threading.Thread(target=watch, daemon=True).start()
-    # Ctrl+C reaches the whole group of processes: it is the server's to answer.
+    # Ctrl+C reaches the whole process group; only the server handles it.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     os.nice(yields)
 
 
 def log_failure(key: Hashable, finished: Future[Any]) -> None:
-    """Log why work failed: whoever asked for it may not be listening any more."""
+    """Log the exception of a failed future, because its caller may have stopped waiting for it."""
     if not finished.cancelled() and (error := finished.exception()) is not None:
         log.error("background work %r failed", key, exc_info=error)

@@ -1,7 +1,7 @@
-"""Asks for free space on a disk before anything large is taken onto it.
+"""Checks for free disk space before large writes.
 
-The database lies on the same disk as a rule, and a full disk stops answers: what experimenters send
-and make ends before that.
+The database is usually on the same disk, and a full disk would lose responses. Uploads, jobs and
+backups are therefore refused before the disk is full.
 """
 
 from __future__ import annotations
@@ -12,14 +12,14 @@ from pathlib import Path
 from .errors import NoRoomError
 from .settings import Settings
 
-#: The share of a disk that is kept free where that is less than the setting says.
+#: Share of a disk that is kept free, if that is less than the setting says.
 _SHARE = 0.1
 
 
 def require(settings: Settings, folder: Path, coming: int = 0) -> None:
-    """Raises NoRoomError if `coming` bytes in this folder would leave its disk too little room.
+    """Raise NoRoomError if writing `coming` bytes to this folder would leave too little space.
 
-    Kept free are `keep_free_gb`, or a tenth of the disk if that is less.
+    `keep_free_gb` must stay free, or a tenth of the disk if that is less.
     """
     there = folder.resolve()
     while not there.exists():

@@ -1,4 +1,4 @@
-"""What a use case may refuse. The edge turns each into one HTTP status, in one table."""
+"""Errors of the use cases. One table in `app.web.http.problems` maps each to an HTTP status."""
 
 from __future__ import annotations
 
@@ -9,19 +9,19 @@ from app.study.questionnaire import AnswerFault
 
 
 class ServiceError(Exception):
-    """A refusal that its caller can do something about; the message says what was expected."""
+    """Base of all refusals that the caller can act on. The message says what was expected."""
 
 
 class NotFoundError(ServiceError):
-    """There is no such study, session, query or recording, or it is not the caller's."""
+    """There is no such study, session, query or recording, or it belongs to another account."""
 
 
 class GoneError(ServiceError):
-    """What was asked for was there, and is deleted."""
+    """The requested object existed and has been deleted."""
 
 
 class StudyDeletedError(GoneError):
-    """The study was deleted. `way_back` is for those who were in it."""
+    """The study was deleted. way_back: the platform's return link for its participants."""
 
     def __init__(self, message: str, *, way_back: dict[str, Any] | None) -> None:
         super().__init__(message)
@@ -29,15 +29,15 @@ class StudyDeletedError(GoneError):
 
 
 class StoreAwayError(ServiceError):
-    """The store of recordings gives no answer, or refuses: the same again may succeed later."""
+    """The store of recordings does not respond or refuses. A retry may succeed."""
 
 
 class SignInRequiredError(ServiceError):
-    """No token came, or one that nobody was given."""
+    """The request has no token, or an unknown one."""
 
 
 class TooManyError(ServiceError):
-    """Something was asked for too often; `until` says when it may be asked for again."""
+    """Too many requests of one kind. until: when the next one is accepted."""
 
     def __init__(self, message: str, until: datetime) -> None:
         super().__init__(message)
@@ -45,23 +45,23 @@ class TooManyError(ServiceError):
 
 
 class TooManyTriesError(TooManyError):
-    """Passwords were tried too often."""
+    """Too many failed sign-ins."""
 
 
 class TooManyPasswordsError(TooManyError):
-    """More passwords came at once than are looked at."""
+    """Too many passwords are waiting to be hashed."""
 
 
 class TooManyBegunError(TooManyError):
-    """More sessions of one study were begun, and not gone on with, than people would begin."""
+    """Too many sessions of one study were begun and not continued."""
 
 
 class SessionExpiredError(ServiceError):
-    """The session's token was good once."""
+    """The session's token has expired."""
 
 
 class SessionTooOldError(SessionExpiredError):
-    """The session was left for longer than its study lets one resume it; `policy` says what now."""
+    """The session was idle for longer than its study allows. policy: what happens to it then."""
 
     def __init__(self, message: str, policy: str) -> None:
         super().__init__(message)
@@ -69,11 +69,11 @@ class SessionTooOldError(SessionExpiredError):
 
 
 class ForbiddenError(ServiceError):
-    """The caller is known, and may not do this."""
+    """The caller is authenticated but not allowed to do this."""
 
 
 class EntryLinkError(ForbiddenError):
-    """The study lets people in by links of their own, and this is none that lets one in."""
+    """The study requires single-use entry links, and this is not a valid one."""
 
     def __init__(self, message: str, *, is_used: bool) -> None:
         super().__init__(message)
@@ -81,23 +81,23 @@ class EntryLinkError(ForbiddenError):
 
 
 class SignedLinkError(ForbiddenError):
-    """The study lets people in by links that their platform signed, and this is none."""
+    """The study requires links signed by the platform, and this one is not validly signed."""
 
 
 class UndeclaredIdentifierError(ServiceError):
-    """An identifier of a participant came under a key that the study's plan does not declare."""
+    """An identifier has a key that the study's plan does not declare."""
 
 
 class IdsRefusedError(ServiceError):
-    """A platform's parameters that cannot be read: one has two values, or is too long."""
+    """A platform's URL parameter has two values or is too long."""
 
 
 class InvitationError(ServiceError):
-    """The link to choose a password with lets nobody do so: used, too old, or unknown."""
+    """The link to choose a password is used, expired or unknown."""
 
 
 class StudyNotOpenError(ServiceError):
-    """The study takes no participants now: not yet, if it `is_draft`, or no more."""
+    """The study is not open to participants: not yet, if it `is_draft`, or no longer."""
 
     def __init__(self, message: str, *, is_draft: bool) -> None:
         super().__init__(message)
@@ -105,34 +105,34 @@ class StudyNotOpenError(ServiceError):
 
 
 class StudyPausedError(StudyNotOpenError):
-    """The study lets nobody in for a while; whoever is in it goes on."""
+    """The study is paused for new participants; running sessions continue."""
 
     def __init__(self, message: str) -> None:
         super().__init__(message, is_draft=False)
 
 
 class StudyFullError(ServiceError):
-    """All places of the study are taken."""
+    """The study has reached its number of participants."""
 
 
 class ConflictError(ServiceError):
-    """It cannot be done in the state that things are in."""
+    """The operation is not possible in the present state."""
 
 
 class NoRoomError(ConflictError):
-    """A disk, or an account's share of it, has no room for what was sent or asked for."""
+    """The disk or the account's quota has too little free space."""
 
 
 class ChangedMeanwhileError(ConflictError):
-    """What a form was filled from has been changed by someone else; nothing was stored."""
+    """Another request has changed the data since the form was loaded; nothing was stored."""
 
 
 class SlugTakenError(ConflictError):
-    """Another study has the slug, and nothing shows that it is the same one."""
+    """Another study has the slug, and it does not match the one being stored."""
 
 
 class AlreadyTakenPartError(ConflictError):
-    """The study takes each person once. `way_back` is that of the session the person has had."""
+    """The study admits each person once. way_back: return link of the person's earlier session."""
 
     def __init__(self, message: str, *, is_over: bool, way_back: dict[str, Any] | None) -> None:
         super().__init__(message)
@@ -141,10 +141,10 @@ class AlreadyTakenPartError(ConflictError):
 
 
 class KnownPersonError(ConflictError):
-    """Somebody of this platform's id has begun already, and an id alone proves nothing.
+    """A session with this platform id exists already, and the id alone does not prove identity.
 
-    may_resume: whether the request also names the submission of that session, so that a press of
-    its person leads back into it.
+    may_resume: whether the request also has that session's submission id, so that the participant
+    may resume the session after confirming.
     """
 
     def __init__(self, message: str, *, may_resume: bool) -> None:
@@ -153,7 +153,7 @@ class KnownPersonError(ConflictError):
 
 
 class ResponseRefusedError(ConflictError):
-    """A response that cannot be taken; `stage` is where the session is."""
+    """The response cannot be accepted. stage: the session's present stage."""
 
     def __init__(self, message: str, stage: str) -> None:
         super().__init__(message)
@@ -161,31 +161,31 @@ class ResponseRefusedError(ConflictError):
 
 
 class SkipReasonError(ResponseRefusedError):
-    """The reason is none that goes with this response."""
+    """The skip reason does not belong to this response."""
 
 
 class TooLateToUndoError(ResponseRefusedError):
-    """The response can no longer be taken back, or the study offers no such thing."""
+    """The response can no longer be undone, or the study does not offer undo."""
 
 
 class SetAsideError(ResponseRefusedError):
-    """The query was set aside for a technical fault, and another one took its place."""
+    """The query was set aside for a technical fault and has been replaced."""
 
 
 class NothingToShowError(ConflictError):
-    """Hardly any video of the study can be had."""
+    """Fewer than two candidates of the study have an available video."""
 
 
 class AlreadyAnsweredError(ResponseRefusedError):
-    """The query has another response already."""
+    """The query already has a different response."""
 
 
 class SkipNotOfferedError(ResponseRefusedError):
-    """The query's condition has no skip."""
+    """The query's condition does not offer a skip."""
 
 
 class AnswersRefusedError(ServiceError):
-    """Answers to a questionnaire that cannot be taken; `faults` names every one."""
+    """The answers to a questionnaire are invalid. faults: one entry for each invalid answer."""
 
     def __init__(self, faults: tuple[AnswerFault, ...], stage: str) -> None:
         super().__init__("; ".join(f"{fault.item}: {fault.message}" for fault in faults))

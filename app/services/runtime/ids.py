@@ -1,4 +1,4 @@
-"""Random names and secrets. A secret is shown once; what is kept is its hash."""
+"""Random ids, secrets, pseudonyms and seeds. A secret is shown once; only its hash is stored."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ import re
 import secrets
 import string
 
-#: No vowels and no look-alikes: no words by accident, no doubt when read aloud.
+#: Without vowels, which could form words, and without characters that look alike.
 _ALPHABET = "23456789BCDFGHJKLMNPQRSTVWXZ"
 
-#: What `new_secret` makes: 32 bytes in base64.
+#: Format of `new_secret`: 32 bytes in URL-safe base64.
 _SECRET = re.compile(r"[A-Za-z0-9_-]{43}")
 
 _LETTERS_AND_DIGITS = string.ascii_letters + string.digits
@@ -19,7 +19,7 @@ _LETTERS_AND_DIGITS = string.ascii_letters + string.digits
 #: 62^22 is over 2^130.
 _PUBLIC_ID_LETTERS = 22
 
-#: Enough that guessing is hopeless without a limit on tries: 28^16 is over 2^76.
+#: 28^16 is over 2^76: too many to guess even without a rate limit.
 _RECEIPT_LETTERS = 16
 
 
@@ -34,33 +34,33 @@ def secret_hash(secret: str) -> str:
 
 
 def form_token(key: bytes, purpose: str, browser: str, sent: str) -> str:
-    """The token that a form leads to: HMAC-SHA256 of what it sent and of the browser's own secret.
+    """The session token for a submitted form: HMAC-SHA256 of its content and the browser's secret.
 
-    The same form sent twice by one browser, before the first answer has brought it its cookie, so
-    leads to one session. key: the server's; without it nobody computes the token from what the form
-    sent, and without the browser's secret the server computes another one.
+    A form that one browser submits twice, before the first response sets its cookie, thereby leads
+    to one session. key: the server's key, without which the token cannot be computed from the form.
+    browser: the browser's secret. sent: the content of the form.
     """
     said = f"{purpose}:{browser}:{sent}"
     return hmac.new(key, said.encode(), hashlib.sha256).hexdigest()
 
 
 def is_secret(value: str) -> bool:
-    """Whether this may be a `new_secret()`: anything shorter could be thought of by two people."""
+    """Whether the value has the format of `new_secret()`; shorter values could be guessed."""
     return _SECRET.fullmatch(value) is not None
 
 
 def new_public_id() -> str:
-    """131 random bits: an address that can be given away and not guessed.
+    """131 random bits as letters and digits: an id that can be published but not guessed.
 
-    Letters and digits alone: one that began with a dash would look like a formula in an export.
+    There is no dash, which at the start of a cell would look like a formula in an export.
     """
-    # One number rather than 22: a study has thousands of recordings.
+    # One random number instead of 22, because a study has thousands of recordings.
     number = secrets.randbelow(len(_LETTERS_AND_DIGITS) ** _PUBLIC_ID_LETTERS)
     return _spelt(number, _LETTERS_AND_DIGITS, _PUBLIC_ID_LETTERS)
 
 
 def _spelt(number: int, alphabet: str, length: int) -> str:
-    """The last so many digits of a number whose digits are these letters, the last one first."""
+    """The last `length` digits of a number in the base of this alphabet, the last digit first."""
     letters = ""
     for _ in range(length):
         number, place = divmod(number, len(alphabet))
@@ -69,10 +69,10 @@ def _spelt(number: int, alphabet: str, length: int) -> str:
 
 
 def receipt_code(token: str) -> str:
-    """The code that goes with a session's token, such as `7KQ2-MXRD-9FWT-4BHC`: 76 bits.
+    """The receipt code of a session's token, such as `7KQ2-MXRD-9FWT-4BHC`: 76 bits.
 
-    It is worked out from the token, so that every page of the session can show it again although
-    nobody keeps it: of the code, as of the token, only a hash is stored.
+    It is derived from the token, so that every page of the session can show it although only hashes
+    of the token and of the code are stored.
     """
     number = int.from_bytes(hashlib.sha256(f"receipt:{token}".encode()).digest(), "big")
     letters = _spelt(number, _ALPHABET, _RECEIPT_LETTERS)
@@ -80,16 +80,16 @@ def receipt_code(token: str) -> str:
 
 
 def receipt_hash(code: str) -> str:
-    """Hash of a receipt's code, however a person has typed it: spaces, hyphens, small letters."""
+    """Hash of a receipt code, ignoring case, spaces and hyphens."""
     return secret_hash("".join(filter(str.isalnum, code.upper())))
 
 
 def new_pseudonym(prefix: str) -> str:
-    """A name such as `P-7KQ2-MXRD`, 38 random bits, to be read and typed by people."""
+    """A pseudonym such as `P-7KQ2-MXRD`, 38 random bits, easy to read and type."""
     letters = "".join(secrets.choice(_ALPHABET) for _ in range(8))
     return f"{prefix}-{letters[:4]}-{letters[4:]}"
 
 
 def new_seed() -> int:
-    """48 random bits: exact in JSON, in R and in every spreadsheet."""
+    """48 random bits, so that JSON, R and spreadsheets represent the seed exactly."""
     return secrets.randbits(48)

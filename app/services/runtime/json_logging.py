@@ -1,7 +1,7 @@
-"""Logs as one JSON object per line, for machines to collect.
+"""Logs as one JSON object per line.
 
-A line says what happened, never to whom: no address of a browser, no query string, no body. Lines
-of one request share its `request_id`, in whatever module they are written.
+Lines contain no personal data: no client address, no query string, no body. All lines of one
+request have the same `request_id`, whichever module writes them.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import TextIO
 
 import structlog
 
-#: What every line carries, whoever has written it.
+#: Fields of every line, also of those that libraries write.
 _SHARED: list[structlog.types.Processor] = [
     structlog.contextvars.merge_contextvars,
     structlog.stdlib.add_log_level,
@@ -24,7 +24,7 @@ _FORMATTER = structlog.stdlib.ProcessorFormatter(
     foreign_pre_chain=[*_SHARED, structlog.stdlib.ExtraAdder()],
     processors=[
         structlog.stdlib.ProcessorFormatter.remove_processors_meta,
-        # As text: a traceback with its variables would hold what people sent.
+        # Without local variables, which would contain data from requests.
         structlog.processors.format_exc_info,
         structlog.processors.EventRenamer("message"),
         structlog.processors.JSONRenderer(),
@@ -33,7 +33,7 @@ _FORMATTER = structlog.stdlib.ProcessorFormatter(
 
 
 def write_json(stream: TextIO = sys.stderr, level: int = logging.INFO) -> logging.Handler:
-    """From now on, write every log of this process to `stream` as JSON; the handler that does."""
+    """Write all logs of this process to `stream` as JSON from now on. Returns the handler."""
     handler = logging.StreamHandler(stream)
     handler.setFormatter(_FORMATTER)
     root = logging.getLogger()

@@ -1,8 +1,8 @@
-"""What a running server measures of itself, in the form that Prometheus reads.
+"""Prometheus metrics of a server.
 
-Every number is of what the server does. None is of a person: no label holds an id or an address.
-With several worker processes (PROMETHEUS_MULTIPROC_DIR is set then) each writes its own, and
-whichever is asked answers for all of them.
+The metrics are about the server only; no label contains an id or an address of a person. With
+several worker processes (PROMETHEUS_MULTIPROC_DIR is set then), each writes its own values to that
+folder, and the process that answers a scrape reads those of all.
 """
 
 from __future__ import annotations
@@ -15,14 +15,14 @@ from contextlib import contextmanager
 from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, generate_latest
 from prometheus_client.multiprocess import MultiProcessCollector
 
-#: Where several worker processes lay down what they count: the client's own name for it.
+#: Environment variable of prometheus_client: the folder that several processes share.
 SHARED_DIR = "PROMETHEUS_MULTIPROC_DIR"
 
-#: Around what a person notices: 100 ms is at once, a second is a wait.
+#: Buckets in seconds, around the limits of perception: 100 ms is instant, 1 s is a wait.
 _SECONDS = (0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 5.0, 10.0)
 
 
-#: Name, meaning and label of the gauge of videos that are made.
+#: Name, help text and labels of the gauge of the render queue.
 RENDER_QUEUE = (
     "pbpo_render_queue",
     "Videos that wait to be rendered, and those that are being rendered.",
@@ -31,9 +31,9 @@ RENDER_QUEUE = (
 
 
 class Metrics:
-    """Counters, durations and gauges of one studio.
+    """Counters, histograms and gauges of one server.
 
-    own_queue: whether the studio renders videos itself, and counts them.
+    own_queue: whether this server renders videos itself, and so reports the render queue.
     """
 
     def __init__(self, *, own_queue: bool = True) -> None:
@@ -75,27 +75,27 @@ class Metrics:
             buckets=_SECONDS,
             registry=registry,
         )
-        # With several processes these open the files that all that follows is written to: where
-        # the folder has gone, since the process that made it was killed, none could be opened.
+        # With several processes, the first value opens the file that later ones are written to. The
+        # files could not be opened after the folder's owner was killed and the folder deleted.
         for worked_out in ("ahead", "at once"):
             self._steps.labels(worked_out)
         self.renders(0, 0)
 
     @contextmanager
     def answering(self, response: str) -> Iterator[None]:
-        """Within this, a response is taken; one that is refused is not counted."""
+        """Measure the handling of a response; one that raises an error is not counted."""
         begun = time.perf_counter()
         yield
         self._answering.observe(time.perf_counter() - begun)
         self._responses.labels(response).inc()
 
     def step_asked(self, *, ahead: bool) -> None:
-        """Somebody waits for a next query, which was worked out ahead or not."""
+        """Count a request for the next query. ahead: whether it was precomputed."""
         self._steps.labels("ahead" if ahead else "at once").inc()
 
     @contextmanager
     def fitting(self, steps: int) -> Iterator[None]:
-        """Within this, so many steps are worked out: each is said to have taken its share."""
+        """Observe the duration of a batch of `steps` fits as an equal share for each."""
         begun = time.perf_counter()
         yield
         share = (time.perf_counter() - begun) / steps
@@ -103,18 +103,18 @@ class Metrics:
             self._fit.observe(share)
 
     def renders(self, waiting: int, running: int) -> None:
-        """How many videos wait to be rendered, and how many are being rendered."""
+        """Set the numbers of videos that wait to be rendered and that are being rendered."""
         if self._renders is None:
             return
         self._renders.labels("waiting").set(waiting)
         self._renders.labels("running").set(running)
 
     def request(self, method: str, route: str, status: int, seconds: float) -> None:
-        """A request was answered; `route` is the path's pattern, never the path itself."""
+        """Observe the duration of a request. route: the path's pattern, never the path itself."""
         self._requests.labels(method, route, str(status)).observe(seconds)
 
     def as_text(self) -> bytes:
-        """Everything measured, in Prometheus's text format."""
+        """All metrics in Prometheus's text format."""
         if SHARED_DIR in os.environ:
             registry = CollectorRegistry()
             MultiProcessCollector(registry)  # type: ignore[no-untyped-call]

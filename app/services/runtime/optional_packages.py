@@ -1,4 +1,4 @@
-"""Optional packages: raises an error that names the extra to install where one is missing."""
+"""Checks for optional packages; the error names the extra to install."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from .errors import ConflictError
 
 
 def require_queue() -> None:
-    """Raises ConflictError where what workers need is not installed: others do without."""
+    """Raise ConflictError if Procrastinate, which only workers need, is not installed."""
     if find_spec("procrastinate") is None:
         raise ConflictError(
             "expected Procrastinate to be installed, which PBPO_WORKERS_APART needs, and it is not:"

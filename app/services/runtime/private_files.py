@@ -1,4 +1,4 @@
-"""Files and folders for the eyes of the user who makes them, whatever the umask says."""
+"""Creates files and folders that only their owner can access, whatever the umask."""
 
 from __future__ import annotations
 
@@ -10,19 +10,19 @@ FILE_MODE, FOLDER_MODE = 0o600, 0o700
 
 
 def written(path: Path) -> BufferedWriter:
-    """The file, opened to be written from its beginning."""
+    """Open a private file for writing; existing content is truncated."""
     return os.fdopen(for_owner(str(path), os.O_WRONLY | os.O_CREAT | os.O_TRUNC), "wb")
 
 
 def for_owner(path: str, flags: int) -> int:
-    """A descriptor of the file; one that is there already is closed to others."""
+    """Open a file with these flags, and set its mode to 0600 even if it exists. Returns the fd."""
     descriptor = os.open(path, flags, FILE_MODE)
     os.fchmod(descriptor, FILE_MODE)
     return descriptor
 
 
 def make_folder(folder: Path) -> None:
-    """Make a folder, and those above it that are missing; one that is there stays as it is."""
+    """Create a private folder and its missing parents; existing folders are left unchanged."""
     missing = [one for one in (folder, *folder.parents) if not one.exists()]
     for one in reversed(missing):
         one.mkdir(mode=FOLDER_MODE, exist_ok=True)

@@ -1,4 +1,4 @@
-"""What can be set from outside, by `PBPO_...` variables or by the commands' options."""
+"""Settings, from `PBPO_...` environment variables, files of secrets, or options of the commands."""
 
 from __future__ import annotations
 
@@ -24,21 +24,21 @@ from sqlalchemy.exc import ArgumentError
 from .errors import ConflictError
 
 DATABASES = ("sqlite", "postgresql")
-#: SQLite's file in the data folder.
+#: Name of the SQLite file in the data folder.
 DATABASE_FILE = "pbpo.sqlite3"
 _PREFIX = "PBPO_"
-#: How alike a variable's name is to a setting's if that is meant, from 0 to 1: PBPO_DATABASE is,
-#: PBPO_TEST_MEDIA_DIR is not.
+#: Similarity, from 0 to 1, above which an unknown variable counts as a misspelt setting:
+#: PBPO_DATABASE does, PBPO_TEST_MEDIA_DIR does not.
 _NEARLY = 0.86
-#: Prefixes, by version, of the widest networks that are anybody's own: 10.0.0.0/8 and fc00::/7.
+#: Prefix lengths of the widest private networks by IP version: 10.0.0.0/8 and fc00::/7.
 _WIDEST = {4: 8, 6: 7}
-#: Names a folder with a file per setting, such as `pbpo_database_url`: where a container has its
-#: secrets. Words of an environment are seen by whoever may look at a container.
+#: Variable with the path of a folder that has a file per setting, such as `pbpo_database_url`, as
+#: containers provide secrets. Whoever may inspect a container sees its environment variables.
 SECRETS_DIR = "PBPO_SECRETS_DIR"
 
 
 class Settings(BaseSettings):
-    """Where things are kept and how the server presents itself."""
+    """All settings of a server or command."""
 
     model_config = SettingsConfigDict(env_prefix=_PREFIX, frozen=True, extra="ignore")
 
@@ -195,7 +195,7 @@ class Settings(BaseSettings):
         dotenv_settings: PydanticBaseSettingsSource,
         file_secret_settings: PydanticBaseSettingsSource,
     ) -> tuple[PydanticBaseSettingsSource, ...]:
-        """What is given by name, then variables, then files of secrets. Raises ConflictError."""
+        """Order of precedence: arguments, variables, files of secrets. Raises ConflictError."""
         folder = os.environ.get(SECRETS_DIR)
         if folder is None:
             return init_settings, env_settings
@@ -250,7 +250,7 @@ class Settings(BaseSettings):
     @field_validator("workers_apart")
     @classmethod
     def _workers_share_a_server(cls, apart: bool, info: ValidationInfo) -> bool:
-        # A URL that was refused is not among the data, and is fault enough.
+        # An invalid URL is missing here; it is reported by its own validator.
         url = info.data.get("database_url", "postgresql://")
         if apart and (not url or make_url(url).get_backend_name() == "sqlite"):
             raise ValueError(
@@ -262,7 +262,7 @@ class Settings(BaseSettings):
     @field_validator("recordings_url")
     @classmethod
     def _known_store(cls, url: str) -> str:
-        # Whoever writes a key into it will not see it repeated in a log.
+        # The value is not repeated in the message: it may contain a key, and messages are logged.
         if url and not re.fullmatch(r"s3://[a-z0-9][a-z0-9.-]{1,61}[a-z0-9](/[\w.-]+)*/?", url):
             raise ValueError("expected s3://bucket or s3://bucket/prefix, without keys")
         return url
@@ -279,7 +279,7 @@ class Settings(BaseSettings):
     @field_validator("own_videos_dir")
     @classmethod
     def _videos_apart_from_answers(cls, folder: Path | None, info: ValidationInfo) -> Path | None:
-        # What was refused is not among the data, and is fault enough.
+        # An invalid folder is missing here; it is reported by its own validator.
         data = info.data.get("data_dir")
         if folder is not None and data is not None and _one_holds_the_other(folder, data):
             raise ValueError(
@@ -307,19 +307,22 @@ class Settings(BaseSettings):
 
     @property
     def url(self) -> str:
+        """URL of the database in use."""
         return self.database_url or f"sqlite:///{self.data_dir.resolve() / DATABASE_FILE}"
 
     @property
     def ledger_path(self) -> Path:
+        """Path of the deletion log."""
         return self.deletions_file or self.data_dir / "deletions.log"
 
     @property
     def uploads_dir(self) -> Path:
+        """Folder of the files of study drafts."""
         return self.data_dir / "uploads"
 
     @property
     def own_videos(self) -> Path:
-        """Where videos of own studies are; `uploads_dir` has those of studies that are made."""
+        """Folder of studies' own videos; those of drafts are in `uploads_dir`."""
         return self.own_videos_dir or self.uploads_dir
 
 
@@ -329,7 +332,7 @@ def _one_holds_the_other(one: Path, other: Path) -> bool:
 
 
 def misspelt_settings() -> Iterator[tuple[str, str]]:
-    """Variables that are nearly a setting, and so without effect, each with what may be meant."""
+    """Environment variables that look like a misspelt setting, each with the setting's name."""
     known = {f"{_PREFIX}{name}".upper() for name in Settings.model_fields} | {SECRETS_DIR}
     for name in sorted(os.environ):
         if name.upper().startswith(_PREFIX) and name.upper() not in known:
@@ -338,7 +341,7 @@ def misspelt_settings() -> Iterator[tuple[str, str]]:
 
 
 def settings_faults(error: ValidationError) -> str:
-    """What is wrong with the settings, by the names of their variables, in one line."""
+    """The validation errors of settings in one line, by the names of their variables."""
     return "; ".join(
         f"{_PREFIX}{'.'.join(map(str, fault['loc'])).upper()}: {_said(fault['msg'])}"
         for fault in error.errors(include_url=False, include_input=False)
@@ -346,5 +349,5 @@ def settings_faults(error: ValidationError) -> str:
 
 
 def _said(message: str) -> str:
-    # What our own checks say is a sentence without Pydantic's first words.
+    # Pydantic puts this prefix before the messages of our own validators.
     return message.removeprefix("Value error, ")

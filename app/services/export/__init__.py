@@ -1,4 +1,4 @@
-"""A study's data as tidy tables and in other forms, streamed, and noted in the audit trail."""
+"""Exports of a study's data as tidy tables and in other formats, streamed and audited."""
 
 from .filters import ALL_FLAGS, in_words, modes_of, settled
 from .formats import FORMATS, find

@@ -1,4 +1,4 @@
-"""A study for BoTorch: for each trial what `PairwiseGP` takes, as JSON and as arrays of numpy."""
+"""Export for BoTorch: the input of `PairwiseGP` for each trial, as JSON and as numpy arrays."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ best = model.posterior(candidates).mean.argmax()
 
 
 def files(request: Request) -> Iterator[File]:
-    """README.md, trials.json, trials.npz and candidates.json."""
+    """The files of the export: README.md, trials.json, trials.npz and candidates.json."""
     names = [parameter.name for parameter in request.study.plan.parameters]
     yield text_file(
         "README.md",
@@ -85,10 +85,10 @@ def _trials_json(db: Session, request: Request) -> Iterator[bytes]:
 
 
 def _arrays(db: Session, request: Request) -> Iterator[File]:
-    """Each array as the file in which an .npz holds it."""
+    """The members of the .npz file, one for each array."""
     width = len(request.study.plan.parameters)
     for trial in learnt_trials(db, request):
-        # With a shape also where there is nothing in it.
+        # Reshaped, so that an empty array has two dimensions as well.
         datapoints = np.array(trial.datapoints, dtype=np.float64).reshape(-1, width)
         comparisons = np.array(trial.comparisons, dtype=np.int64).reshape(-1, 2)
         yield _array(trial, "datapoints", datapoints)

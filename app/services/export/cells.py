@@ -1,4 +1,4 @@
-"""How one value is written in a cell."""
+"""Formats one value as a CSV cell."""
 
 from __future__ import annotations
 
@@ -6,15 +6,15 @@ from datetime import UTC, datetime
 
 Value = str | int | float | bool | datetime | None
 
-#: What a spreadsheet takes for the start of a formula (OWASP, CSV injection).
+#: Characters that start a formula in spreadsheets (OWASP, CSV injection).
 _FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r", "\n")
 
 
 def cell(value: Value) -> str:
-    """The value as text; None is empty.
+    """The value as text; None becomes an empty cell.
 
-    Times are UTC in ISO 8601 with milliseconds. A text that a spreadsheet would run as a formula
-    gets an apostrophe in front, which spreadsheets hide; numbers never need one.
+    Times are UTC in ISO 8601 with milliseconds. A text that a spreadsheet would evaluate as a
+    formula is prefixed with an apostrophe, which spreadsheets hide; numbers never are.
     """
     match value:
         case None:

@@ -1,4 +1,4 @@
-"""The table of who agreed to which consent, and when."""
+"""The table of consents: which session agreed to which version, and when."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The table of what the browser saw of each answered query, summed up from its events."""
+"""The table `evidence`: a summary of the playback events of each answered query."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def _rows(db: Session, request: Request) -> Iterator[Row]:
     ).order_by(SessionRow.id, Trial.trial_index, QueryRow.query_index)
     for session_id, public_id, trial_index, query_index in fetch(db, answered):
         place = (session_id, trial_index, query_index)
-        # Both come in the same order: one walk through each.
+        # Both are sorted alike, so each is read once.
         while at is not None and at < place:
             at, events = next(seen, (None, ()))
         yield (public_id, trial_index, query_index, *summary(events if at == place else ()))

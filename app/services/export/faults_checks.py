@@ -1,4 +1,4 @@
-"""Tables of how far what was answered can be relied on: faults, and what the browser saw."""
+"""Tables on the reliability of the answers: faults, checks, and undone responses."""
 
 from __future__ import annotations
 

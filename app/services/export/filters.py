@@ -1,4 +1,4 @@
-"""Which sessions an export leaves out: checked, worked out by their flags, and in words."""
+"""Filters of an export: validated, with the flagged sessions resolved, and described in words."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ from app.services.studies.session_modes import ALL, LIVE
 
 from .table import Request
 
-#: Every flag: what "leave flagged sessions out" stands for.
+#: All flags, as "leave flagged sessions out" means.
 ALL_FLAGS = tuple(Flag)
 
 
 def modes_of(chosen: Sequence[str] | None) -> tuple[str, ...]:
-    """The modes that count: live, unless others are asked for."""
+    """The requested modes; live sessions only by default."""
     if not chosen:
         return (LIVE,)
     return ALL if "all" in chosen else tuple(dict.fromkeys(chosen))
 
 
 def settled(app: AppContext, request: Request) -> Request:
-    """The request with the sessions that its flags leave out.
+    """The request with `left_out` set to the sessions that its flags exclude.
 
-    Raises ConflictError for a condition that the study does not have, and days out of order.
+    Raises ConflictError for an unknown condition, and for dates in the wrong order.
     """
     known = [condition.name for condition in request.study.plan.conditions]
     unknown = [name for name in request.conditions if name not in known]
@@ -52,7 +52,7 @@ def _flagged(db: Session, request: Request) -> tuple[int, ...]:
 
 
 def in_words(request: Request) -> str:
-    """What the request asks for, in a line: for the audit trail and the pages."""
+    """The filters in one line, for the audit trail and the pages."""
     said = [f"mode: {', '.join(request.modes)}"]
     if request.conditions:
         said.append(f"conditions: {', '.join(request.conditions)}")

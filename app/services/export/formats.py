@@ -1,4 +1,4 @@
-"""The forms that a study's data can be had in."""
+"""The registry of export formats."""
 
 from __future__ import annotations
 
@@ -17,7 +17,10 @@ from .tables import ZIPPED
 
 @dataclass(frozen=True)
 class Format:
-    """label, about: for people. require raises ConflictError where something is not installed."""
+    """One export format.
+
+    label, about: shown on the page. require: raises ConflictError if a package is not installed.
+    """
 
     name: str
     label: str
@@ -61,7 +64,7 @@ FORMATS: Final[Mapping[str, Format]] = MappingProxyType(
 
 
 def find(name: str) -> Format:
-    """The format of this name, if it can be made here. Raises ConflictError."""
+    """The format of this name. Raises ConflictError if it is unknown or a package is missing."""
     if name not in FORMATS:
         raise ConflictError(f"expected a format among {', '.join(FORMATS)}, got {name!r}")
     FORMATS[name].require()

@@ -1,6 +1,6 @@
-"""A study for Optuna: a storage in which each trial is a preferential study of its own.
+"""Export for Optuna: a SQLite storage in which each of our trials is a preferential study.
 
-What is called a trial here is a study there, and what is a candidate here is a trial there.
+Terms differ: a trial of ours is a study of Optuna's, and a candidate is a trial of Optuna's.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ for better, worse in study.preferences:
 
 
 def require() -> None:
-    """Raises ConflictError where what this needs is not installed."""
+    """Raise ConflictError if the packages for this export are not installed."""
     missing = [name for name in ("optuna", "optuna_dashboard") if find_spec(name) is None]
     if missing:
         raise ConflictError(
@@ -59,14 +59,14 @@ def require() -> None:
 
 
 def files(request: Request) -> Iterator[File]:
-    """README.md and the storage."""
+    """The files of the export: README.md and the storage."""
     said = {"slug": request.study.slug, "filter": in_words(request), "storage": STORAGE}
     yield text_file("README.md", _READ_ME.format(**said))
     yield File(STORAGE, lambda session: _storage(session, request))
 
 
 def _storage(db: Session, request: Request) -> Iterator[bytes]:
-    """Optuna writes a file of its own, which is then read piece by piece."""
+    """Let Optuna write a temporary file, and stream it."""
     with tempfile.TemporaryDirectory(prefix="pbpo-optuna-") as folder:
         path = Path(folder) / STORAGE
         with _optuna_storage(path) as storage:
@@ -87,11 +87,11 @@ def _optuna_storage(path: Path) -> Iterator[Any]:
 
     @event.listens_for(storage.engine, "connect")
     def _quickly(connection: Any, _record: object) -> None:
-        # Nobody else has the file yet, and it is made anew if anything goes wrong.
+        # The file is private and is written again after an error, so durability is not needed.
         connection.execute("PRAGMA synchronous = OFF")
         connection.execute("PRAGMA journal_mode = MEMORY")
 
-    # Those that making the tables has opened do not know of it.
+    # Close the connections that were opened to create the tables: they lack these settings.
     storage.remove_session()
     storage.engine.dispose()
     try:
@@ -102,7 +102,7 @@ def _optuna_storage(path: Path) -> Iterator[Any]:
 
 
 def _spans(by_candidate: dict[tuple[str, int], Any]) -> dict[str, list[tuple[float, float]]]:
-    """Least and largest value of each parameter, by environment."""
+    """Minimum and maximum of each parameter, by environment."""
     rows: dict[str, list[Any]] = {}
     for (environment, _), values in by_candidate.items():
         rows.setdefault(environment, []).append(values)
@@ -124,12 +124,12 @@ def _add(
         for name, (low, high) in zip(names, spans, strict=True)
     }
     with warnings.catch_warnings():
-        # That preferential studies are experimental is for the one who opens this to weigh.
+        # Optuna warns that preferential studies are experimental; that concerns the reader.
         warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
         study = create_study(
             n_generate=1,
             storage=storage,
-            # Any sampler: its own needs BoTorch, and nothing is asked of it here.
+            # The default sampler needs BoTorch; none is used here, so any will do.
             sampler=optuna.samplers.RandomSampler(),
             study_name=f"{request.study.slug}/{learnt.session_id}/{learnt.trial_index}",
         )

@@ -1,4 +1,4 @@
-"""Tables of who took part; identities stand apart from all others."""
+"""Tables of sessions, participants, deletions and questionnaires, and, apart, of identities."""
 
 from __future__ import annotations
 
@@ -98,7 +98,7 @@ def _sessions_rows(db: Session, request: Request) -> Iterator[Row]:
             row.platform,
             row.language,
             row.order_index,
-            # A name may hold spaces, but no semicolon.
+            # Names may contain spaces, but no semicolons.
             "; ".join(conditions[index] for index in row.trial_conditions),
             row.stage,
             trials_finished or 0,
@@ -114,7 +114,7 @@ def _sessions_rows(db: Session, request: Request) -> Iterator[Row]:
 
 
 def _versions(db: Session, request: Request) -> dict[int, PlanVersion]:
-    """The versions of the plan by their keys: read once, since each is long, and not per row."""
+    """The versions of the plan by primary key, read once instead of for each row."""
     found = db.scalars(select(PlanVersion).where(PlanVersion.study_id == request.study.id))
     return {version.id: version for version in found}
 
@@ -178,7 +178,7 @@ def _deletions_rows(db: Session, request: Request) -> Iterator[Row]:
     statement = (
         select(Tombstone.mode, Tombstone.stage, Tombstone.reason, Tombstone.deleted_at)
         .where(Tombstone.study_id == request.study.id, Tombstone.mode.in_(request.modes))
-        # By nothing that would say in which order they came within a day.
+        # Sorted so that the order within a day is not revealed.
         .order_by(Tombstone.deleted_at, Tombstone.mode, Tombstone.stage, Tombstone.reason)
     )
     for row in fetch(db, statement):

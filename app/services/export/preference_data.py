@@ -1,4 +1,4 @@
-"""What each trial's model learnt from, trial by trial: points, and which of two was preferred."""
+"""The training data of each trial's model: points, and pairwise comparisons of them."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from .table import Request, fetch, points, trials_of
 
 @dataclass(frozen=True)
 class LearntTrial:
-    """One trial, and its n points and m preferences, in the order in which they were learnt.
+    """The training data of one trial: n points and m comparisons, in the order of learning.
 
-    candidates: (n,), the candidate of each point, ascending. datapoints: (n, d), its parameters in
-    the order of the plan. comparisons: (m, 2), rows of datapoints, the preferred one first.
-    origins: (m,), answer or synthesis. query_indices: (m,), the query that each comes from.
+    candidates: (n,), the candidate index of each point, ascending. datapoints: (n, d), their
+    parameters in the order of the plan. comparisons: (m, 2), rows of datapoints, the preferred one
+    first. origins: (m,), "answer" or "synthesis". query_indices: (m,), the query of each.
     """
 
     session_id: str
@@ -39,7 +39,7 @@ class LearntTrial:
 
 
 def learnt_trials(db: Session, request: Request) -> Iterator[LearntTrial]:
-    """In the order of sessions and trials; the practice, which teaches no model, is left out."""
+    """The training data of the requested trials by session and trial, without the practice."""
     by_candidate = points(db, request)
     statement = (
         select(SessionRow.public_id, Participant.pseudonym, SessionRow.mode, Trial, PreferenceRow)

@@ -1,4 +1,4 @@
-"""What was exported, by whom, when, of which sessions, and the SHA-256 of the bytes."""
+"""Records each export in the audit trail: by whom, when, its filter, and the files' SHA-256."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _CHUNK = 1 << 16
 def recorded(
     app: AppContext, actor: str, request: Request, form: str, name: str, pieces: Iterable[bytes]
 ) -> Generator[bytes]:
-    """The pieces of one file on their way out; noted when they end, or are broken off."""
+    """Pass the chunks of one file through, and record the export when they end or are aborted."""
     digest, size, is_whole = hashlib.sha256(), 0, False
     try:
         for piece in pieces:
@@ -45,7 +45,7 @@ def recorded(
 def note(
     app: AppContext, actor: str, request: Request, form: str, files: Mapping[str, str], **more: Any
 ) -> None:
-    """Note one export. files: the SHA-256 of each, by its name, 64 hex digits."""
+    """Record one export. files: SHA-256 by file name, 64 hex digits."""
     action = {"report": REPORTED, "identities": IDENTITIES}.get(form, EXPORTED)
     slug = request.study.slug
     said = {"format": form, "filter": in_words(request), "files": dict(files), **more}
@@ -62,12 +62,11 @@ def write_folder(
     *,
     overwrite: bool = False,
 ) -> list[Path]:
-    """Write the files into a folder, of one moment, all or none, and note it; their paths.
+    """Write all files of one snapshot into a folder, or none; record it, and return their paths.
 
-    Files, and folders that are made for them, are for the user's own eyes.
-
-    A file in the way gives way if it holds the same, or is an earlier export as it was written.
-    Raises ConflictError for any other, unless it may be overwritten.
+    Files and new folders are private to the user. An existing file is replaced if it has the same
+    content or is an unmodified earlier export. Raises ConflictError for any other existing file,
+    unless `overwrite` is set.
     """
     private_files.make_folder(folder)
     written: dict[str, str] = {}

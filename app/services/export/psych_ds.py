@@ -1,7 +1,7 @@
-"""A study as a Psych-DS dataset: https://psych-ds.github.io, rules and conventions.
+"""Export as a Psych-DS dataset (https://psych-ds.github.io).
 
-Every column of every data file stands in `variableMeasured`; names of data files are pairs of a
-word and a value of letters and digits, with `_data.csv` at the end.
+Every column of every data file is listed in `variableMeasured`. Names of data files consist of
+keyword-value pairs of letters and digits, and end with `_data.csv`.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ and `citation`.
 
 
 def files(request: Request) -> Iterator[File]:
-    """The whole dataset, from the root of its folder."""
+    """The files of the dataset, with paths relative to its root."""
     study = request.study
     yield text_file("dataset_description.json", _pretty(_description(request)))
     yield text_file(
@@ -59,7 +59,7 @@ def files(request: Request) -> Iterator[File]:
 
 
 def data_name(slug: str, table: str) -> str:
-    """The name of a table's data file; values hold nothing but letters and digits."""
+    """The name of a table's data file; its values contain only letters and digits."""
     return f"study-{_plain(slug)}_table-{_plain(table)}_data.csv"
 
 
@@ -83,7 +83,7 @@ def _description(request: Request) -> dict[str, Any]:
 
 
 def _variables(request: Request) -> Iterator[dict[str, str]]:
-    """Each name once. Where files mean different things by it, each says what it means."""
+    """One entry for each column name. If files define it differently, all definitions are given."""
     found: dict[str, list[tuple[str, Column]]] = {}
     for table in _TABLES:
         for column in table.columns(request.study.plan):

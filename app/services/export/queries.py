@@ -1,4 +1,4 @@
-"""Tables of what was asked and answered, and of what was learnt from it."""
+"""Tables of queries with responses, preferences, acquired candidates, and events."""
 
 from __future__ import annotations
 

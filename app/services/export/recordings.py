@@ -1,4 +1,4 @@
-"""The table of what can be shown."""
+"""The table of recordings, with their candidates and parameters."""
 
 from __future__ import annotations
 

@@ -1,8 +1,9 @@
-"""Tables without clock times, for formats that are published.
+"""Replaces clock times in tables by dates and relative times, for formats that are published.
 
-Platforms list when each submission began. A published time to the second could be joined with that
-list, and would give back who somebody is after their ids were deleted. What is left is the day on
-which a session or a person came, and of everything else the seconds since its session began.
+Platforms list the start time of each submission. A published time to the second could be joined
+with that list, which would identify participants even after their ids were deleted. Starts of
+sessions and participants are therefore reduced to the day, and all other times become seconds since
+the session began.
 """
 
 from __future__ import annotations
@@ -20,12 +21,12 @@ from .cells import Value
 from .table import SESSION, Column, Request, Row, Table, fetch, number, of_sessions, text
 
 _TIME = "datetime"
-#: From which seconds are counted, and what belongs to no session: of these the day is told.
+#: Columns that become dates: starts of sessions, and times that belong to no session.
 _DAYS = ("started_at", "created_at", "deleted_on")
 
 
 def without_clock_times(table: Table) -> Table:
-    """The table with days, and with seconds since the session began, in the place of its times."""
+    """The table with its times replaced by dates or by seconds since the session began."""
 
     def columns(plan: Plan) -> tuple[Column, ...]:
         return tuple(_column(column) for column in table.columns(plan))

@@ -1,4 +1,4 @@
-"""Tables as CSV, and files as one zip, piece by piece: memory does not grow with the study."""
+"""Streams tables as CSV, and files as one zip, in chunks, so that memory use is bounded."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from app.services.context import AppContext
 from .cells import Value, cell
 from .table import Request, Table
 
-#: Rows written before a piece is handed on: some 50 to 100 KB.
+#: Rows in one chunk: some 50 to 100 KB.
 _ROWS_PER_PIECE = 500
 
 
 @dataclass(frozen=True)
 class File:
-    """A file to be: its path, with / between, and what makes its bytes, once.
+    """A file to be written: its relative path, and a function that yields its content once.
 
-    Files that belong together are made of one transaction: they tell of one moment.
+    The function takes a transaction, so that files of one export come from one snapshot.
     """
 
     path: str
@@ -37,6 +37,7 @@ def table_file(table: Table, request: Request, path: str = "") -> File:
 
 
 def text_file(path: str, text: str) -> File:
+    """A text file in UTF-8."""
     return File(path, lambda _session: [text.encode("utf-8")])
 
 
@@ -47,13 +48,13 @@ def csv_stream(app: AppContext, table: Table, request: Request) -> Iterator[byte
 
 
 def zip_stream(app: AppContext, files: Iterable[File]) -> Iterator[bytes]:
-    """One zip with these files, of one moment. The same files give the same bytes."""
+    """A zip of these files from one snapshot. The same files give the same bytes."""
     with app.database.read() as db:
         yield from zip_within(db, files)
 
 
 def zip_within(db: Session, files: Iterable[File]) -> Iterator[bytes]:
-    """As `zip_stream`, within a transaction."""
+    """As `zip_stream`, within the caller's transaction."""
     sink = _Sink()
     with zipfile.ZipFile(sink, "w", zipfile.ZIP_DEFLATED) as archive:
         for file in files:
@@ -82,7 +83,7 @@ def _lines(rows: Iterable[Iterable[Value]]) -> bytes:
 
 
 class _Sink(io.RawIOBase):
-    """A file that cannot be sought in: what is written is taken away at once."""
+    """A non-seekable buffer that zipfile writes to and the stream drains."""
 
     def __init__(self) -> None:
         self._pieces: list[bytes] = []

@@ -1,4 +1,4 @@
-"""What exported tables are made of: columns, requests, and what several of them look up."""
+"""The model of exported tables: columns, requests, and queries that several tables share."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ Row = tuple[Value, ...]
 
 @dataclass(frozen=True)
 class Request:
-    """What is asked for: one study, and which of its sessions and trials count.
+    """The request of an export: one study, and filters on its sessions and trials.
 
-    conditions: only trials under these, and sessions that have one; none named: all. since, until:
-    the first and the last day, in UTC, on which a session may have begun. without: sessions with
-    one of these flags are left out. completed: only completed sessions. left_out: the sessions,
-    by their keys in the database, that `filters.settled` found to have such a flag.
+    conditions: only trials under these, and sessions with such a trial; empty: all. since, until:
+    first and last day, UTC, on which a session may have begun. without: exclude sessions with one
+    of these flags. completed: only completed sessions. left_out: primary keys of the sessions that
+    `without` excludes, set by `filters.settled`.
     """
 
     study: StudyInfo
@@ -45,7 +45,7 @@ class Request:
 
 @dataclass(frozen=True)
 class Column:
-    """One column. `type` is string, integer, number, boolean (true, false) or datetime."""
+    """One column. type: string, integer, number, boolean (true, false) or datetime."""
 
     name: str
     type: str
@@ -55,7 +55,7 @@ class Column:
 
 @dataclass(frozen=True)
 class Table:
-    """One exported file."""
+    """One exported table: its columns, and a function that yields its rows."""
 
     name: str
     description: str
@@ -64,22 +64,27 @@ class Table:
 
 
 def text(name: str, description: str) -> Column:
+    """A column of type string."""
     return Column(name, "string", "", description)
 
 
 def integer(name: str, description: str, unit: str = "") -> Column:
+    """A column of type integer."""
     return Column(name, "integer", unit, description)
 
 
 def number(name: str, description: str, unit: str = "") -> Column:
+    """A column of type number."""
     return Column(name, "number", unit, description)
 
 
 def boolean(name: str, description: str) -> Column:
+    """A column of type boolean."""
     return Column(name, "boolean", "", description)
 
 
 def moment(name: str, description: str) -> Column:
+    """A column of type datetime."""
     return Column(name, "datetime", "UTC, ISO 8601", description)
 
 
@@ -101,10 +106,10 @@ def parameters(plan: Plan, prefix: str, whose: str) -> tuple[Column, ...]:
 
 
 def sessions_of(request: Request) -> tuple[ColumnElement[bool], ...]:
-    """What holds for the sessions that are asked for."""
+    """The conditions that select the requested sessions."""
     holds = [SessionRow.study_id == request.study.id, SessionRow.mode.in_(request.modes)]
     if request.conditions:
-        # An alias: the statement around it may walk the trials itself.
+        # An alias, because the enclosing statement may select from trials itself.
         trial = aliased(Trial)
         holds.append(
             exists().where(
@@ -125,7 +130,7 @@ def sessions_of(request: Request) -> tuple[ColumnElement[bool], ...]:
 
 
 def trials_of(request: Request) -> tuple[ColumnElement[bool], ...]:
-    """What holds for the trials that are asked for, where sessions are joined as well."""
+    """The conditions that select the requested trials, in a statement that joins sessions."""
     sessions = sessions_of(request)
     if not request.conditions:
         return sessions
@@ -143,7 +148,7 @@ def of_trials(statement: Select[*tuple[Any, ...]], request: Request) -> Select[*
 def at_trials_of(
     request: Request, session_id: Any, trial_index: Any
 ) -> tuple[ColumnElement[bool], ...]:
-    """The same for what is kept by session and number of its trial."""
+    """The same for tables that refer to a trial by session and trial index."""
     sessions = sessions_of(request)
     if not request.conditions:
         return sessions
@@ -164,7 +169,7 @@ def fetch(db: Session, statement: Select[*tuple[Any, ...]]) -> Iterator[Any]:
 
 
 def points(db: Session, request: Request) -> dict[tuple[str, int], Row]:
-    """Parameters of each candidate, by environment and index, in the order of the plan."""
+    """Parameters of each candidate in the order of the plan, by environment and index."""
     names = [parameter.name for parameter in request.study.plan.parameters]
     return {
         (environment, index): tuple(parameters[name] for name in names)
@@ -190,5 +195,5 @@ def recording_names(db: Session, request: Request) -> dict[int, str]:
 
 
 def recording_name(environment: str, candidate_index: int, run_index: int) -> str:
-    """A recording's name in exports: it joins queries.csv to recordings.csv."""
+    """A recording's name in exports, which joins queries.csv to recordings.csv."""
     return f"{environment}-{candidate_index}-{run_index}"

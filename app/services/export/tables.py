@@ -1,4 +1,4 @@
-"""Every exported table, and the dictionary that is made from their descriptions."""
+"""All exported tables, and the data dictionary made from their descriptions."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ DATA_DICTIONARY = Table(
     "data_dictionary", "Every column of every file.", _dictionary_columns, _dictionary_rows
 )
 
-#: What the zip holds: everything but the identities.
+#: The tables of the zip: all except the identities.
 ZIPPED = (
     QUERIES,
     PREFERENCES,
@@ -75,5 +75,5 @@ ZIPPED = (
     DATA_DICTIONARY,
 )
 
-#: By name.
+#: All tables by name.
 TABLES: Mapping[str, Table] = {table.name: table for table in (*ZIPPED, IDENTITIES)}

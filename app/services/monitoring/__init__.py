@@ -1,1 +1,1 @@
-"""What an experimenter sees of a study under way: its sessions, how far they came, since when."""
+"""Monitoring of running studies: sessions, progress, data quality, incidents, and server health."""

@@ -1,6 +1,6 @@
-"""A short text that changes whenever what is shown of a study may have changed.
+"""A short token that changes whenever the data on a study's pages may have changed.
 
-Asked for about once a second by every open page, so it reads one index and a few rows.
+Every open page polls it about once a second, so it reads one index and a few rows.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ from app.storage.models.studies import SessionRow, Study
 
 
 def change_token(app: AppContext, study_id: int, modes: Sequence[str], lease_minutes: int) -> str:
-    """How the study and its sessions of these modes stand, as 16 hex digits."""
+    """The token of a study's present state and its sessions in these modes: 16 hex digits."""
     heard_of_since = app.now() - timedelta(minutes=lease_minutes)
     of_study = SessionRow.study_id == study_id, SessionRow.mode.in_(modes)
     with app.database.read() as db:
         status = db.execute(
             select(Study.status, Study.paused_at, Study.conditions_off).where(Study.id == study_id)
         ).one_or_none()
-        # The sums tell of a session that went on although another was seen later.
+        # The sums also change for a session that is not the most recently seen one.
         sessions = db.execute(
             select(
                 SessionRow.stage,

@@ -1,4 +1,4 @@
-"""What became of the checks among a trial's queries: what was expected, and what was pressed."""
+"""Outcomes of repeats and attention checks: the expected response, and the actual one."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from app.services.proposals.attention_checks import GOOD_SIDE
 from app.storage.models.studies import QueryRow, Response, SessionRow, Trial
 from app.study.attention_checks import Kind
 
-#: What agrees with an earlier response when the sides are swapped.
+#: The response that agrees with an earlier one when the sides are swapped.
 _ON_THE_OTHER_SIDE = {"left": "right", "right": "left", "skip": "skip"}
 #: Rows fetched at a time.
 _BATCH = 1_000
@@ -26,7 +26,7 @@ class CheckOutcome:
     """One repeat or attention check that was shown.
 
     session_key: the session's key in the database. response: None while the query is open.
-    passed: None where nothing is expected, or nothing was pressed yet.
+    passed: None if no particular response is expected, or there is no response yet.
     """
 
     session_key: int
@@ -47,7 +47,7 @@ class CheckOutcome:
 
 
 def check_outcomes(db: Session, *of: ColumnElement[bool]) -> Iterator[CheckOutcome]:
-    """The checks of the sessions for which `of` holds, by session, trial and query."""
+    """The checks of the sessions that satisfy `of`, ordered by session, trial and query."""
     earlier, before = aliased(QueryRow), aliased(Response)
     statement = (
         select(

@@ -1,4 +1,4 @@
-"""Whether the server's clock is behind what it has stored itself."""
+"""Detects a server clock that is behind the times in the database."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ from sqlalchemy import func, select
 from app.services.context import AppContext
 from app.storage.models.studies import SessionRow
 
-#: By how much clocks may differ without a word: those of several servers do by less.
+#: Tolerated difference; the clocks of several servers differ by less.
 _DIFFER = timedelta(minutes=5)
 
-#: Only these sessions are looked at, the newest: whoever is there now is among them.
+#: Only the newest sessions are checked, which include all that are active now.
 _NEWEST = 100
 
 
 def behind(app: AppContext) -> timedelta | None:
-    """By how much somebody was last seen later than it is now; None where that cannot be told."""
+    """By how much the newest stored time is ahead of the clock; None within the tolerance."""
     newest = select(SessionRow.last_seen_at).order_by(SessionRow.id.desc()).limit(_NEWEST)
     with app.database.read() as db:
         last: datetime | None = db.scalar(select(func.max(newest.subquery().c.last_seen_at)))
@@ -28,5 +28,5 @@ def behind(app: AppContext) -> timedelta | None:
 
 
 def said(by: timedelta) -> str:
-    """By how much the clock is behind, in words."""
+    """The difference in words."""
     return f"{by.days:,} days" if by.days > 1 else f"{by // timedelta(minutes=1):,} minutes"

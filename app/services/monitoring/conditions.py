@@ -1,4 +1,4 @@
-"""How many trials of each condition are under way, and how many are finished."""
+"""Numbers of active and of completed trials by condition."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from app.storage.models.studies import SessionRow, Trial
 class ConditionLine:
     """One condition.
 
-    active: trials begun and not finished, of sessions heard of within the study's lease. completed:
-    trials finished, whatever became of the session. off: new sessions are not given it.
+    active: unfinished trials of sessions that were last seen within the study's lease. completed:
+    finished trials, also of unfinished sessions. off: not assigned to new sessions.
     """
 
     name: str
@@ -31,7 +31,7 @@ class ConditionLine:
 
 
 def conditions(app: AppContext, study: StudyInfo, modes: Sequence[str]) -> list[ConditionLine]:
-    """The conditions in the order of the plan; then those that only earlier plans had."""
+    """The conditions in the order of the plan, then those of earlier plans only."""
     since = app.now() - timedelta(minutes=study.plan.lease_minutes)
     under_way = and_(
         Trial.ended_at.is_(None), SessionRow.stage.not_in(ENDED), SessionRow.last_seen_at >= since

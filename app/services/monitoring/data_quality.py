@@ -1,6 +1,6 @@
-"""How far a session's answers can be relied on: flags, defined once for pages and exports.
+"""Data-quality flags of sessions, with the same definitions on pages and in exports.
 
-A flag says that somebody should look, and nothing more: no session is left out because of one.
+A flag asks the experimenter to look at a session. No session is excluded because of one.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from .check_outcomes import check_outcomes
 
 
 class Flag(StrEnum):
-    """What was noticed."""
+    """Kinds of flags."""
 
     FAST = "fast"
     ONE_SIDED = "one-sided"
@@ -35,17 +35,18 @@ class Flag(StrEnum):
     FAULTS = "faults"
 
 
-#: Two videos have hardly begun to differ by then, and a choice takes some 300 ms by itself.
+#: Response times below this are fast: two videos hardly differ yet, and a choice takes some 300 ms.
 FAST_MS: Final = 1_500
-#: One in four happens to nobody who looks at the videos.
+#: Share of fast responses that raises the flag: people who watch the videos stay below it.
 FAST_SHARE: Final = 0.25
-#: Of ten choices at random, nine or more on one side come in 2 sessions of 100.
+#: Share of choices on one side that raises the flag: of ten random choices, nine or more are on one
+#: side in 2 % of the sessions.
 ONE_SIDED_SHARE: Final = 0.9
 FAILED_SHARE: Final = 0.25
-#: Less than half of a video was seen, in one answer of four.
+#: A video is unwatched if less than this part was played; and the share of answers with one.
 WATCHED_PART: Final = 0.5
 UNWATCHED_SHARE: Final = 0.25
-#: With fewer answers, or fewer checks, a share says nothing.
+#: Fewest answers and fewest checks for which a share is computed.
 FEWEST_ANSWERS: Final = 10
 FEWEST_CHECKS: Final = 2
 
@@ -58,7 +59,7 @@ LABELS: Final[Mapping[Flag, str]] = MappingProxyType(
         Flag.FAULTS: "Technical faults",
     }
 )
-#: When each is raised, for those who read it.
+#: Definition of each flag, as readers see it.
 RULES: Final[Mapping[Flag, str]] = MappingProxyType(
     {
         Flag.FAST: f"{FAST_SHARE:.0%} of the answers or more came within {FAST_MS / 1000:g} s of"
@@ -73,12 +74,13 @@ RULES: Final[Mapping[Flag, str]] = MappingProxyType(
     }
 )
 
-#: What the server adds when what was seen so far does not belong to the answer that stays.
+#: Events that the server adds when a query is set aside or a response undone: events before them do
+#: not belong to the final answer.
 _CLOSINGS: Final = ("set_aside", "undone")
 _WATCHED: Final = "watched"
 #: Rows fetched at a time.
 _BATCH: Final = 1_000
-#: Sessions whose watching is remembered, for each database.
+#: Sessions whose playback counts are cached, for each database.
 _MOST_KNOWN: Final = 50_000
 _Known = dict[int, tuple[tuple[datetime, int, int], int, int]]
 _KNOWN: WeakKeyDictionary[Any, _Known] = WeakKeyDictionary()
@@ -86,7 +88,7 @@ _KNOWN: WeakKeyDictionary[Any, _Known] = WeakKeyDictionary()
 
 @dataclass(frozen=True)
 class Evidence:
-    """What is counted of one session's trials, the practice left out."""
+    """Counts from one session's trials, without the practice."""
 
     answers: int = 0
     timed: int = 0
@@ -103,7 +105,7 @@ class Evidence:
 
 
 def flags_of(evidence: Evidence) -> tuple[Flag, ...]:
-    """The flags that this evidence raises, in their order."""
+    """The flags that these counts raise, in the order of `Flag`."""
     choices = evidence.left + evidence.right
     raised = {
         Flag.FAST: _share(evidence.fast, evidence.timed, FEWEST_ANSWERS) >= FAST_SHARE,
@@ -120,9 +122,9 @@ def flags_of(evidence: Evidence) -> tuple[Flag, ...]:
 
 
 def flags(db: Session, study_id: int, modes: Sequence[str]) -> Mapping[int, tuple[Flag, ...]]:
-    """The flags of each session of a study in these modes, by its key in the database.
+    """The flags of a study's sessions in these modes, by the session's primary key.
 
-    A session that nothing is known of is not in it.
+    Sessions without any data have no entry.
     """
     of = (SessionRow.study_id == study_id, SessionRow.mode.in_(modes))
     counted: dict[int, Counter[str]] = defaultdict(Counter)
@@ -166,10 +168,10 @@ def _checks(db: Session, of: _Of, counted: _Counted) -> None:
 
 
 def _watching(db: Session, of: _Of, counted: _Counted) -> None:
-    """What the browser last told, at each place, of how much of each video was played.
+    """Count answered and unwatched queries, from the last playback events of each query.
 
-    A session has a thousand events, and a page that follows a study asks every second: what was
-    counted is kept for as long as nothing happens in the session.
+    A session has about a thousand events, and live pages ask every second; so the counts are cached
+    until the session changes.
     """
     known = _KNOWN.setdefault(db.get_bind(), {})
     if len(known) > _MOST_KNOWN:
@@ -191,7 +193,7 @@ def _watching(db: Session, of: _Of, counted: _Counted) -> None:
 
 
 def _watched(db: Session, keys: Sequence[int]) -> dict[int, tuple[int, int]]:
-    """By session: of how many answered places anything was told, and how many were unwatched."""
+    """By session: number of answered queries with playback events, and of unwatched ones."""
     told: Any = db.execute(
         select(
             Event.session_id,
@@ -214,7 +216,7 @@ def _watched(db: Session, keys: Sequence[int]) -> dict[int, tuple[int, int]]:
         seen: dict[tuple[int, int], dict[str | None, float]] = {}
         for _, trial, query, event, side, value in rows:
             if event != _WATCHED:
-                # What came before it does not belong to the answer that stays.
+                # Earlier events do not belong to the final answer.
                 seen.pop((trial, query), None)
             elif (part := _part(value)) is not None:
                 seen.setdefault((trial, query), {})[side] = part
@@ -241,7 +243,7 @@ def _share(part: int, whole: int, fewest: int) -> float:
 
 
 def _part(value: str | None) -> float | None:
-    """A part from 0 to 1; any program may have sent any text."""
+    """An event's value as a number from 0 to 1; None for anything else a client has sent."""
     try:
         part = float(value or "")
     except ValueError:

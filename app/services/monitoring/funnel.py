@@ -1,4 +1,4 @@
-"""How far people came: from arriving to the end, and where they were lost."""
+"""The participation funnel: how many people reached each step, and where the others stopped."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ LABELS: Final = MappingProxyType(
 
 @dataclass(frozen=True)
 class Step:
-    """One step of the way.
+    """One step of the funnel.
 
-    reached: how many came this far. share: of all that arrived, 0 to 1. The others are those who
-    came no further: here, under way at this moment; away, not heard of for the study's lease; left,
-    who declined, withdrew, were screened out or had all deleted.
+    reached: number of sessions that reached it. share: of all that arrived, 0 to 1. Those that got
+    no further are here (active now), away (not seen for the study's lease), or left (declined,
+    withdrew, were screened out, or had their data deleted).
     """
 
     label: str
@@ -39,9 +39,9 @@ class Step:
 
 
 def funnel(lines: Sequence[SessionLine], without_session: int = 0) -> tuple[Step, ...]:
-    """The steps, from arriving to the end.
+    """The steps, from arrival to completion.
 
-    without_session: how many arrived of whom there is no session: declined, or deleted.
+    without_session: number of people who arrived but have no session: declined, or deleted.
     """
     arrived = len(lines) + without_session
     reached = [how_far(line) for line in lines]
@@ -67,7 +67,7 @@ def funnel(lines: Sequence[SessionLine], without_session: int = 0) -> tuple[Step
 
 
 def how_far(line: SessionLine) -> int:
-    """The last step that a session came to."""
+    """Index of the last step that a session reached."""
     if line.presence == "completed":
         return COMPLETED
     if line.began:

@@ -1,4 +1,4 @@
-"""Whether the studio can do its work now, and what the state of its studies is in numbers."""
+"""Health checks of the server, and metrics that are read from the database."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from . import clock
 
 
 def faults(app: AppContext) -> list[str]:
-    """What keeps the studio from working: a plain sentence each, with no address and no secret."""
+    """Faults that keep the server from working: one sentence each, without addresses or secrets."""
     found = [_database_fault(app), app.recordings.fault()]
     found += [
         _folder_fault(name, folder)
@@ -36,11 +36,11 @@ def faults(app: AppContext) -> list[str]:
 
 
 def warnings(app: AppContext) -> list[str]:
-    """What is wrong, and keeps nobody from taking part: in sentences like those of `faults`."""
+    """Problems that do not affect participants, as sentences like those of `faults`."""
     try:
         queue, behind = app.background.queue(), clock.behind(app)
     except SQLAlchemyError:
-        # That is a fault, and told as one.
+        # `faults` reports this.
         return []
     found = []
     if queue is not None and queue.workers == 0:
@@ -52,14 +52,17 @@ def warnings(app: AppContext) -> list[str]:
 
 
 def metrics(app: AppContext) -> bytes:
-    """All that is measured, with what the database knows of all servers together."""
+    """All metrics in Prometheus's text format: this server's, and those from the database."""
     registry = CollectorRegistry()
     registry.register(_InDatabase(app))
     return app.metrics.as_text() + generate_latest(registry)
 
 
 class _InDatabase(Collector):
-    """What is read when it is asked for: a gauge would be added up over worker processes."""
+    """Gauges that are read from the database at each scrape.
+
+    Ordinary gauges would be summed over the worker processes.
+    """
 
     def __init__(self, app: AppContext) -> None:
         self._studio = app
@@ -94,7 +97,7 @@ def _database_fault(app: AppContext) -> str | None:
         with app.database.read() as db:
             revision = revision_of(db.connection())
     except SQLAlchemyError:
-        # The database's own words may hold its address.
+        # The database's own message may contain its address.
         return "The database cannot be reached."
     newest = newest_revision()
     if revision != newest:
@@ -104,7 +107,7 @@ def _database_fault(app: AppContext) -> str | None:
 
 def _folder_fault(name: str, folder: Path) -> str | None:
     try:
-        # Whether the disk has room as well: a byte has to reach it.
+        # Write a byte, so that a full disk is detected as well.
         with tempfile.TemporaryFile(dir=folder, buffering=0) as file:
             file.write(b"\0")
     except OSError as error:

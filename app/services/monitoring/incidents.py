@@ -1,4 +1,4 @@
-"""What went wrong in a study of late: in sentences, with when, how often, and what to do."""
+"""Recent incidents in a study, as sentences with their number, last time, and what to do."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ from app.storage.models.studies import QueryRow, SessionRow, Trial
 
 from . import clock
 
-#: What is older has been seen, or does not come again.
+#: Older incidents are not shown.
 SHOWN = timedelta(days=7)
-#: How a query is called in the record where no model could be fitted.
+#: Value of `trial_type` for a query whose model could not be fitted.
 _NO_FIT = "random-fallback"
-#: What jobs make, in words.
+#: Names of the kinds of jobs in sentences.
 _WORK = {"simulate": "A simulation", "ethics": "An ethics bundle"}
-#: More jobs that failed tell nothing more.
+#: Failed jobs shown at the most.
 _MOST_JOBS = 3
 
 
 @dataclass(frozen=True)
 class Incident:
-    """One kind of fault: what happened, how often, when last, and what can be done."""
+    """One kind of incident: what happened, how often, when last, and what can be done."""
 
     name: str
     said: str
@@ -45,7 +45,7 @@ _LOOK = "The server's log says why: look for errors at this time, or ask whoever
 
 @dataclass(frozen=True)
 class _Said:
-    """How a kind of fault is told: so many of what, what became of them, and what to do."""
+    """The sentences for one kind of failure: the counted noun, what happened, and what to do."""
 
     noun: str
     became: str
@@ -112,7 +112,7 @@ _SAID = {
 
 
 def incidents(app: AppContext, study: StudyInfo) -> list[Incident]:
-    """What went wrong within the last days, the latest first."""
+    """The incidents of the last days in a study, the latest first."""
     app.failures.write()
     since = app.now() - SHOWN
     with app.database.read() as db:
@@ -167,7 +167,7 @@ def _unfitted(db: Session, study_id: int, since: datetime) -> Iterator[Incident]
 
 
 def _queries(study_id: int, at: InstrumentedAttribute[Any], since: datetime) -> Select[int, Any]:
-    """How many of a study's queries this happened to since then, and when last."""
+    """Selects the number of a study's queries with `at` since then, and the latest `at`."""
     return (
         select(func.count(QueryRow.id), func.max(at))
         .join(Trial, QueryRow.trial_id == Trial.id)
@@ -194,7 +194,7 @@ def _failed_jobs(db: Session, study_id: int, since: datetime) -> Iterator[Incide
 
 
 def _of_the_server(app: AppContext) -> Iterator[Incident]:
-    """What is wrong just now for all studies."""
+    """Present problems of the server, which affect all studies."""
     queue = app.background.queue()
     if queue is not None and queue.workers == 0:
         yield Incident(

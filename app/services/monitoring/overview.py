@@ -1,4 +1,4 @@
-"""All that a study's own page shows, read at one moment."""
+"""The data of a study's overview page."""
 
 from __future__ import annotations
 
@@ -23,7 +23,10 @@ from .session_list import SessionLine
 
 @dataclass(frozen=True)
 class Pay:
-    """What one session is worth, and what that came to per hour at the median; None: nobody yet."""
+    """The reward of one session, and the rate per hour at the median duration.
+
+    The rate is None until a session is completed.
+    """
 
     amount: float
     currency: str
@@ -32,7 +35,7 @@ class Pay:
 
 @dataclass(frozen=True)
 class Overview:
-    """A study as it stands. minutes: the median of completed sessions, from start to end."""
+    """The present state of a study. minutes: median duration of the completed sessions."""
 
     stamp: str
     counts: Mapping[str, int]
@@ -45,14 +48,14 @@ class Overview:
 
 
 def modes_of(mode: str) -> tuple[str, ...]:
-    """The modes that a page's choice stands for."""
+    """The modes that a filter value of the page selects: one, or all for "all"."""
     return ALL if mode == "all" else (mode,)
 
 
 def overview(app: AppContext, study: StudyInfo, mode: str) -> Overview:
-    """The study's sessions in a mode (live, preview, pilot, simulated, all)."""
+    """Read the overview of a study. mode: live, preview, pilot, simulated, or all."""
     modes = modes_of(mode)
-    # The stamp first: what changes meanwhile shows as a change afterwards.
+    # The token first: a change during the other reads then causes another update.
     now = change_token(app, study.id, modes, study.plan.lease_minutes)
     lines = session_list.sessions(app, study, modes)
     stages = [line.stage for line in lines]
@@ -83,7 +86,7 @@ def _pay(reward: Reward, minutes: float | None) -> Pay:
 
 
 def median_minutes(lines: Sequence[SessionLine]) -> float | None:
-    """Of the completed sessions, from start to end, breaks and absences included."""
+    """Median minutes from start to end of completed sessions, breaks included; None without any."""
     minutes = [
         (line.ended_at - line.started_at).total_seconds() / 60
         for line in lines

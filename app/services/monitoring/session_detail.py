@@ -1,4 +1,4 @@
-"""One session, told in order: what was shown, what was pressed, what was learnt from it."""
+"""One session in detail: its trials, their queries and responses, and what was learnt from them."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from .watch_summary import summary
 
 @dataclass(frozen=True)
 class Video:
-    """A recording as it was shown. ready: its file is there, so looking at it costs nothing."""
+    """A recording that was shown. ready: its file exists and need not be rendered."""
 
     candidate: int
     parameters: Mapping[str, float]
@@ -43,8 +43,11 @@ class Video:
 
 @dataclass(frozen=True)
 class Asked:
-    """One query. preferences: winner, loser, and whether synthesised. seen: what the browser told
-    (app.services.monitoring.watch_summary.summary); None where it told nothing."""
+    """One query with its response.
+
+    preferences: winner, loser, and whether synthesised. seen: playback (see `watch_summary`) by
+    column; None without events.
+    """
 
     number: int
     trial_type: str
@@ -62,7 +65,7 @@ class Asked:
 
 @dataclass(frozen=True)
 class TrialDetail:
-    """One trial; index -1 is the practice. best: the recordings of what it has acquired so far."""
+    """One trial; index -1 is the practice. best: recordings of the present acquired candidate."""
 
     index: int
     condition: str
@@ -76,7 +79,7 @@ class TrialDetail:
 
 @dataclass(frozen=True)
 class SessionDetail:
-    """One session."""
+    """One session with all its trials."""
 
     session_id: str
     participant_id: str
@@ -91,7 +94,7 @@ class SessionDetail:
     trials: tuple[TrialDetail, ...]
 
 
-#: Names of what `summary` gives, in its order.
+#: Names of the values of `summary`, in order.
 _SEEN = (
     "replays",
     "left_watched",
@@ -109,7 +112,7 @@ _SEEN = (
 
 
 def session_detail(app: AppContext, study: StudyInfo, session_id: str) -> SessionDetail:
-    """The session of this pseudonym. Raises NotFoundError if the study has none of that name."""
+    """Read a session by its public id. Raises NotFoundError if the study has no such session."""
     with app.database.read() as db:
         row = find_session(db, study, session_id)
         seen = _seen(db, row.id)
@@ -141,7 +144,7 @@ def session_detail(app: AppContext, study: StudyInfo, session_id: str) -> Sessio
 
 
 def find_session(db: Session, study: StudyInfo, session_id: str) -> SessionRow:
-    """The session's row. Raises NotFoundError if the study has none of that name."""
+    """The session's row. Raises NotFoundError if the study has no such session."""
     row = db.scalar(
         select(SessionRow)
         .where(SessionRow.study_id == study.id, SessionRow.public_id == session_id)

@@ -1,4 +1,4 @@
-"""What an experimenter sees of a study under way."""
+"""The list of a study's sessions, and counts of sessions."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from app.study.protocol import Stage, position
 from . import data_quality
 from .data_quality import Flag
 
-#: A response brings one pair; the pairs of the other two responses were loaded for nothing.
+#: Pairs loaded for each query: browsers prefetch one for each of the three possible responses.
 PAIRS_LOADED_PER_QUERY = 3
 
 
@@ -28,9 +28,9 @@ PAIRS_LOADED_PER_QUERY = 3
 class SessionLine:
     """One session in a study's list.
 
-    presence: completed, left (declined, withdrew, screened out), here (heard of within the study's
-    lease), or away. consented, began: whether it came to that. conditions: of its trials, in order.
-    flags: what was noticed of its answers (app.services.monitoring.data_quality).
+    presence: completed, left (declined, withdrew, screened out), here (last seen within the study's
+    lease), or away. consented, began: whether it reached that point. conditions: of its trials, in
+    order. flags: see `data_quality`.
     """
 
     session_id: str
@@ -54,7 +54,7 @@ class SessionLine:
 
 @dataclass(frozen=True)
 class Counts:
-    """How many sessions of one mode stand where."""
+    """Numbers of sessions of one mode by state."""
 
     active: int = 0
     completed: int = 0
@@ -69,9 +69,9 @@ class Counts:
 
 
 def payload_mb(app: AppContext, study: repository.StudyInfo) -> float | None:
-    """Megabytes of video that one session loads at the most: each pair, and those preloaded.
+    """Upper bound of the megabytes of video that one session loads, with all prefetched pairs.
 
-    From the videos that are there already; None if none is.
+    Estimated from the videos that exist already; None if there are none.
     """
     clips = [
         clip
@@ -128,7 +128,7 @@ def sessions(
         for row, pseudonym, responses, skips, begun, has_begun in db.execute(statement):
             where = position(repository.plan_of(row), read_progress(row))
             if row.stage == Stage.WITHDRAWN and begun:
-                # Who left has no place in the protocol any more: where the last answer was given.
+                # An ended session has no position in the protocol, so use that of its last answer.
                 before = (begun - 1) * where["queries"]
                 where = {**where, "trial": begun, "query": responses - before}
             lines.append(
@@ -161,7 +161,7 @@ def _presence(session: SessionRow, heard_of_since: datetime) -> str:
 
 
 def deleted(app: AppContext, study_id: int, modes: Sequence[str] = ALL) -> int:
-    """How many sessions of these modes were deleted at their person's wish."""
+    """Number of sessions of these modes that were deleted at the participant's wish."""
     with app.database.read() as db:
         found = db.scalar(
             select(func.count(Tombstone.id)).where(
@@ -174,7 +174,7 @@ def deleted(app: AppContext, study_id: int, modes: Sequence[str] = ALL) -> int:
 
 
 def counts(app: AppContext) -> Mapping[tuple[str, str], Counts]:
-    """By (slug, mode): how many sessions stand where."""
+    """Numbers of sessions by state, for each (slug, mode)."""
     with app.database.read() as db:
         rows = db.execute(
             select(Study.slug, SessionRow.mode, SessionRow.stage, func.count(SessionRow.id))

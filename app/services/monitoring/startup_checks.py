@@ -1,6 +1,7 @@
-"""What must be right before studies are served to people, said in sentences.
+"""Checks of the configuration before a server starts.
 
-What would let strangers in is refused; what is merely less safe than it could be is said.
+A configuration that would let strangers in is refused; one that is merely less safe than it could
+be causes warnings, and is refused in production.
 """
 
 from __future__ import annotations
@@ -21,14 +22,14 @@ from app.services.runtime.optional_packages import require_queue
 from app.services.runtime.settings import Settings, misspelt_settings
 from app.services.studies import demo
 
-#: Bits of a folder's mode that let others than its owner in.
+#: Permission bits of group and others.
 _OTHERS = stat.S_IRWXG | stat.S_IRWXO
-#: What PostgreSQL calls a connection that is encrypted or none at all.
+#: Values of PostgreSQL's `sslmode` that guarantee encryption.
 _ENCRYPTED = frozenset({"require", "verify-ca", "verify-full"})
 
 
 def require_servable(settings: Settings, workers: int) -> None:
-    """Raises ConflictError where so many processes would stand in each other's way."""
+    """Raise ConflictError if this number of processes cannot share the database (SQLite)."""
     if workers > 1 and make_url(settings.url).get_backend_name() == "sqlite":
         raise ConflictError(
             f"expected one worker on SQLite, which has one writer at a time, got {workers}: several"
@@ -37,7 +38,7 @@ def require_servable(settings: Settings, workers: int) -> None:
 
 
 def require_workers_apart(settings: Settings) -> None:
-    """Raises ConflictError where servers leave nothing to workers, or workers cannot do it."""
+    """Raise ConflictError if PBPO_WORKERS_APART is off, or the queue's package is missing."""
     if not settings.workers_apart:
         raise ConflictError(
             "expected PBPO_WORKERS_APART=true, for the worker as for the servers, got false:"
@@ -47,9 +48,9 @@ def require_workers_apart(settings: Settings) -> None:
 
 
 def require_safe(app: AppContext, host: str) -> None:
-    """Raises ConflictError where everybody could know how to sign in.
+    """Raise ConflictError if the demo account, whose password is in a file, is enabled.
 
-    In production also for each setting that is less safe than it could be.
+    In production, also for every unsafe setting.
     """
     said = list(unsafe_settings(app, host)) if app.settings.production else []
     if said:
@@ -67,7 +68,7 @@ def require_safe(app: AppContext, host: str) -> None:
 
 
 def unsafe_settings(app: AppContext, host: str) -> Iterator[str]:
-    """Each setting that is less safe than it could be, in a sentence that says what to do."""
+    """The unsafe settings, each as a sentence that says what to do."""
     settings = app.settings
     if not settings.secure_cookies and (settings.production or not _is_loopback(host)):
         yield (
@@ -124,7 +125,7 @@ def _unsafe_database(settings: Settings) -> Iterator[str]:
             )
         return
     file = Path(url.database or "").resolve()
-    # What lies in the data folder is as safe as that.
+    # A SQLite file in the data folder is covered by the check of that folder.
     if file.is_relative_to(settings.data_dir.resolve()) or not file.is_file():
         return
     if file.stat().st_mode & _OTHERS and file.parent.stat().st_mode & _OTHERS:
@@ -135,15 +136,15 @@ def _unsafe_database(settings: Settings) -> Iterator[str]:
 
 
 def _reached_in_the_clear(url: URL) -> Iterator[str]:
-    """The machines that PostgreSQL may be asked on without TLS."""
+    """The hosts of the URL that PostgreSQL may be reached on without TLS."""
     if (url.query.get("sslmode") or os.environ.get("PGSSLMODE")) in _ENCRYPTED:
         return
     named = url.query.get("host", ())
     hosts = [url.host or "", *(named.split(",") if isinstance(named, str) else named)]
     for host in hosts:
-        # Each may have a port of its own.
+        # Each host can have its own port.
         name = host.partition(":")[0] if host.count(":") == 1 else host
-        # A socket is on this machine; a name without a dot, a container on a network of its own.
+        # A socket is local, and a name without a dot is a container in a private network.
         is_far = not name.startswith("/") and ("." in name or ":" in name)
         if is_far and not _is_loopback(name):
             yield name

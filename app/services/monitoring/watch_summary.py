@@ -1,4 +1,4 @@
-"""How one pair was watched, summed up from what its browser told: for exports and session pages."""
+"""Summarises the playback events of one query, for exports and session pages."""
 
 from __future__ import annotations
 
@@ -7,15 +7,16 @@ from collections.abc import Iterable, Sequence
 
 from app.storage.models.studies import Event
 
-#: A cell of the summary.
+#: One value of the summary.
 Value = str | float | int | bool | None
 
-#: What the server adds when what was seen so far does not belong to the answer that stays.
+#: Events that the server adds when a query is set aside or a response undone: events before them do
+#: not belong to the final answer.
 CLOSINGS = frozenset({"set_aside", "undone"})
 
 
 def summary(events: Sequence[Event]) -> tuple[Value, ...]:
-    """The columns after the place; all empty where the browser told nothing. In their order."""
+    """The summary's columns in order (see `export.evidence`); all None without events."""
     closed = [place for place, event in enumerate(events) if event.event in CLOSINGS]
     events = events[closed[-1] + 1 :] if closed else events
     if not events:
@@ -41,7 +42,7 @@ def summary(events: Sequence[Event]) -> tuple[Value, ...]:
 
 
 def _number(value: str | None) -> float | None:
-    """An event's value as a number; any program may have sent any text."""
+    """An event's value as a number; None for anything else a client has sent."""
     try:
         number = float(value or "")
     except ValueError:

@@ -1,4 +1,4 @@
-"""What came out across a study's sessions, and what was learnt in one: tidy tables and sentences.
+"""Results of a study across its sessions, and of single trials: tidy tables and sentences.
 
-`tables` and `story` read the tables, `drawing` makes charts of them with app.figures.
+`registry` and `trial_learning` compute the tables; `charts` draws them with app.figures.
 """

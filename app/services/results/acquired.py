@@ -1,4 +1,4 @@
-"""What was acquired: where on W it lies, and how good it is by the recordings' scores."""
+"""Results on acquired candidates: their position in W, and their mean scores."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from app.study.plan import Plan
 from .data import AcquiredRow, acquired_rows, answers
 from .result import Result, Row
 
-#: Answers after which the paper looks at what people's trials had acquired (Fig. 17). A trial's
-#: last answer is looked at besides.
+#: Numbers of answers at which the paper evaluates the acquired candidates (Fig. 17), besides the
+#: end of each trial.
 AFTER_ANSWERS: Final = (10, 20, 30)
 
 
@@ -66,9 +66,9 @@ def _shown(db: Session, request: Request) -> dict[tuple[str, int], float]:
 
 
 def scores_acquired(db: Session, request: Request) -> Result:
-    """The mean score of what each trial had acquired after 10, 20, 30 and all answers, with tests.
+    """Mean score of the acquired candidate after 10, 20, 30 and all answers, with t-tests.
 
-    Only answers that the method learned from are counted.
+    Only answers that the method learnt from are counted.
     """
     of_score = mean_scores(db, request.study.id)
     if not of_score:
@@ -105,9 +105,9 @@ def scores_acquired(db: Session, request: Request) -> Result:
 def _looked_at(
     held: Iterable[AcquiredRow], looks: Sequence[int]
 ) -> Iterator[tuple[int, AcquiredRow]]:
-    """What each trial held after so many answers that taught, for each of these numbers.
+    """For each number in `looks`, the acquired candidate of each trial after that many answers.
 
-    A finished trial with fewer is looked at as it ended.
+    A finished trial with fewer answers is evaluated at its end.
     """
     for _, of_trial in groupby(held, key=lambda at: (at.session, at.trial)):
         by_number = {at.learned: at for at in of_trial}
@@ -120,7 +120,7 @@ def _looked_at(
 
 
 def _counted(plan: Plan) -> str:
-    """Which answers are counted, in a sentence."""
+    """A sentence on which answers are counted."""
     if plan.shown_per_trial == plan.queries_per_trial:
         return "Skips count as answers."
     if plan.checks.in_model:
@@ -140,7 +140,7 @@ def _by_condition(rows: list[Row], number: int) -> dict[str, list[float]]:
 
 
 def _tests(rows: list[Row], order: list[str]) -> tuple[list[Row], tuple[str, ...]]:
-    """Every two conditions of one environment, by the paper's two-sample t-test."""
+    """The paper's two-sample t-test for every two conditions of one environment."""
     samples: dict[tuple[str, int, str], list[float]] = {}
     for row in rows:
         key = (row["environment"], row["answers"], row["condition"])

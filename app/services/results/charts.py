@@ -1,4 +1,4 @@
-"""From findings to charts, by the definitions of app.figures: for page, file and report alike."""
+"""Draws the charts of results with app.figures, for pages, files and reports."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ Chart = Any
 
 
 def draw(name: str, found: Result, study: StudyInfo) -> Chart:
-    """The chart of a finding that has rows."""
+    """The chart of a result that has rows. name: a key of FINDINGS or LEARNING."""
     return _DRAWN[name](found, study)
 
 
 def axis_title(parameter: Parameter, study: StudyInfo) -> str:
-    """A parameter as an axis names it: its label, else its name, and its unit."""
+    """The axis title of a parameter: its label or else its name, with its unit."""
     plan = study.plan
     label = plan.text(parameter.label, plan.default_language) if parameter.label else parameter.name
     named = label if label == parameter.name else f"{parameter.name}: {label.lower()}"
@@ -30,7 +30,7 @@ def axis_title(parameter: Parameter, study: StudyInfo) -> str:
 
 
 def _conditions(rows: Sequence[Row], study: StudyInfo) -> list[str]:
-    """The conditions that the rows name: in the order of the plan, earlier ones after them."""
+    """The conditions in the rows: in the order of the plan, then those of earlier plans."""
     present = dict.fromkeys(row["condition"] for row in rows)
     planned = [condition.name for condition in study.plan.conditions]
     known = [name for name in planned if name in present]
@@ -166,7 +166,7 @@ def _path(found: Result, study: StudyInfo) -> Chart:
 
 
 def _posterior(found: Result, study: StudyInfo) -> Chart:
-    """Two maps where W is a plane; else slices, the mean over all other parameters."""
+    """Two maps if W is two-dimensional; otherwise the mean along each parameter."""
     parameters = study.plan.parameters
     best = found.rows[found.extra["best"]]
     shown = [row for row in found.rows if row["times_shown"]]

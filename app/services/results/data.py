@@ -1,4 +1,4 @@
-"""What findings are worked out from, read plainly: answers and acquired candidates."""
+"""Reads the data of the results: answers and acquired candidates."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from app.study.attention_checks import Kind
 
 _BATCH = 1_000
 
-#: Types of pairs that are no queries of the method.
+#: Types of queries that the method did not propose.
 CHECKS: Final = (Kind.REPEAT.value, Kind.ATTENTION.value, FILLER)
 
 
 class Answer(NamedTuple):
-    """One answered query of a trial; the practice is left out."""
+    """One answered query of a trial, not of the practice."""
 
     session: str
     participant: str
@@ -36,15 +36,15 @@ class Answer(NamedTuple):
 
     @property
     def is_check(self) -> bool:
-        """Whether the pair was no query of the method: a check, or what stood in for one."""
+        """Whether the query is a check or a filler, and so not proposed by the method."""
         return self.trial_type in CHECKS
 
 
 class AcquiredRow(NamedTuple):
-    """The acquired candidate after one response that taught.
+    """The acquired candidate after one response that the model learnt from.
 
-    learned: how many responses of the trial had taught by then, this one included. Responses to
-    checks teach nothing and are not in it, unless the plan has the model learn from checks.
+    learned: number of such responses in the trial so far, including this one. Responses to checks
+    are not among them, unless the plan lets the model learn from checks.
     """
 
     session: str
@@ -59,7 +59,7 @@ class AcquiredRow(NamedTuple):
 
 
 def answers(db: Session, request: Request) -> Iterator[Answer]:
-    """In the order of sessions, trials and queries."""
+    """The answers in the order of sessions, trials and queries."""
     statement = (
         _of_trials(
             request,
@@ -87,7 +87,7 @@ def acquired_rows(db: Session, request: Request) -> Iterator[AcquiredRow]:
     )
     trial, learned = ("", -1), 0
     for row in db.execute(statement):
-        # Each response that taught has one row, in order.
+        # There is one row for each response that the model learnt from, in order.
         session_id, participant, index, condition, environment, finished, query, candidate = row
         learned = learned + 1 if trial == (session_id, index) else 1
         trial = session_id, index
@@ -105,7 +105,7 @@ def acquired_rows(db: Session, request: Request) -> Iterator[AcquiredRow]:
 
 
 def _of_trials(request: Request, *columns: Any) -> Select[Any]:
-    """Who, which trial and under what, then `columns`: a row for each of what is joined to it."""
+    """Selects session, trial and condition columns and `columns`, for statements to join to."""
     return (
         select(
             SessionRow.public_id,

@@ -1,4 +1,4 @@
-"""The findings across sessions, by name: what each is called and how its table is read."""
+"""The registry of the results across sessions: title, description and function of each."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from .result import Result
 
 @dataclass(frozen=True)
 class Finding:
-    """title: as the page says it. about: what is seen, in a sentence."""
+    """One entry. title: heading on the page. about: what the figure shows, in a sentence."""
 
     title: str
     about: str
@@ -69,6 +69,6 @@ FINDINGS: Final[Mapping[str, Finding]] = MappingProxyType(
 
 
 def find(app: AppContext, request: Request, name: str) -> Result:
-    """One finding, read now. `name` is one of FINDINGS."""
+    """Compute one result. name: a key of FINDINGS."""
     with app.database.read() as db:
         return FINDINGS[name].read(db, request)

@@ -1,4 +1,4 @@
-"""How people answered: skips, times, sides, and whether they choose alike when asked again."""
+"""Results on response behaviour: skips, response times, sides, and consistency of repeats."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _POOLED: Final = (
 
 
 def skips(db: Session, request: Request) -> Result:
-    """How often each evaluator skipped, in each trial that offers it; checks are left out."""
+    """Share of skips by evaluator and trial, if the trial offers skips; without checks."""
     offered = {c.name for c in request.study.plan.conditions if c.skip is not None}
     counted: dict[tuple[str, ...], list[int]] = {}
     trials: dict[tuple[str, ...], int] = {}
@@ -56,7 +56,7 @@ def skips(db: Session, request: Request) -> Result:
 
 
 def response_times(db: Session, request: Request) -> Result:
-    """Seconds from both videos having begun to the answer; checks are counted too."""
+    """Seconds from the start of both videos to the response, checks included."""
     counted = [answer for answer in answers(db, request) if answer.rt_ms is not None]
     rows: list[Row] = [
         {
@@ -78,7 +78,7 @@ def response_times(db: Session, request: Request) -> Result:
 
 
 def sides(db: Session, request: Request) -> Result:
-    """How often each evaluator chose the left of the two, with a 95 % interval; without checks."""
+    """Share of left choices by evaluator, with a 95 % interval; without checks."""
     counted: dict[tuple[str, str], list[int]] = {}
     for answer in answers(db, request):
         if answer.response != "skip" and not answer.is_check:
@@ -113,7 +113,7 @@ def sides(db: Session, request: Request) -> Result:
 
 
 def repeats(db: Session, request: Request) -> Result:
-    """How often a pair shown again, its sides swapped, was answered alike; per condition."""
+    """Share of repeated pairs, with sides swapped, that were answered alike; by condition."""
     counted: dict[str, list[int]] = {}
     for outcome in check_outcomes(db, *trials_of(request)):
         if outcome.kind == Kind.REPEAT and outcome.passed is not None and outcome.trial_index >= 0:

@@ -1,4 +1,4 @@
-"""What a finding is: a tidy table, what it says in words, and what its chart needs besides."""
+"""The type of a result: a tidy table, a text, and further data for its chart."""
 
 from __future__ import annotations
 
@@ -15,9 +15,11 @@ Row = Mapping[str, Any]
 
 @dataclass(frozen=True)
 class Result:
-    """rows: the table behind a figure, none while there is nothing to show. says: the figure in
-    words, for those who do not see it. notes: lines below it, such as tests. extra: what else the
-    chart is drawn from."""
+    """A result.
+
+    rows: the table of the figure; empty if there is nothing to show. says: text alternative of the
+    figure. notes: lines below it, such as tests. extra: further data for the chart.
+    """
 
     rows: Sequence[Row]
     says: str
@@ -26,7 +28,7 @@ class Result:
 
 
 def as_csv(rows: Sequence[Row]) -> str:
-    """The table as CSV, with the columns of its first row; a spreadsheet runs no cell of it."""
+    """The table as CSV, with the columns of its first row, safe to open in spreadsheets."""
     text = io.StringIO(newline="")
     writer = csv.writer(text, lineterminator="\n")
     if rows:

@@ -1,4 +1,4 @@
-"""What was learnt in one trial: how the acquired candidate moved, and what the model believes."""
+"""Results of one trial: the path of the acquired candidate, and the posterior."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from .result import Result, Row
 
 
 def find(app: AppContext, study: StudyInfo, session_id: str, trial_index: int, name: str) -> Result:
-    """One finding of LEARNING of a trial. Raises NotFoundError if there is no such trial."""
+    """Compute one result of a trial. name: a key of LEARNING. Raises NotFoundError."""
     with app.database.read() as db:
         row = find_session(db, study, session_id)
         trial = db.scalar(
@@ -79,7 +79,7 @@ def path(app: AppContext, db: Session, trial: Trial) -> Result:
 
 
 def posterior(app: AppContext, db: Session, trial: Trial) -> Result:
-    """Posterior mean and deviation over the candidates after all answers so far."""
+    """Posterior mean and standard deviation of the candidates after all answers so far."""
     spec = queries.trial_spec(
         trial.session, trial.trial_index, trial.seed, trial.queries[0].engine_version
     )

@@ -1,4 +1,4 @@
-"""Which candidates win: Bradley-Terry rates of those that were compared most."""
+"""Bradley-Terry win rates of the candidates that were compared most often."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from app.statistics.win_rates import win_rates
 from .data import answers
 from .result import Result, Row
 
-#: Candidates shown in each environment: beyond these hardly any has enough comparisons.
+#: Candidates shown for each environment; further ones rarely have enough comparisons.
 MOST_COMPARED: Final = 12
 
 
 def rates(db: Session, request: Request) -> Result:
-    """Over all people and conditions; the model is fitted to all choices of an environment."""
+    """Win rates over all evaluators and conditions, with one model for each environment."""
     games: dict[str, list[tuple[int, int]]] = {}
     for answer in answers(db, request):
         if answer.response != "skip" and not answer.is_check:

@@ -19,11 +19,11 @@ from app.commands.options import (
     Folder,
     Slug,
     address_of,
+    app_context_of,
     closing_studios,
     out,
     say_links,
     settings_of,
-    studio_of,
 )
 from app.services.runtime.errors import ServiceError, SlugTakenError
 from app.services.runtime.settings import DATABASE_FILE
@@ -122,7 +122,7 @@ def demo(port: Port = 8000, host: Host = "127.0.0.1", data_dir: DataDir = None) 
 
     socket = listen(host, port)
     address = f"http://{host}:{socket.getsockname()[1]}"
-    app = studio_of(data_dir, job_handlers=JOBS)
+    app = app_context_of(data_dir, job_handlers=JOBS)
     access = demo_service.prepare(app, address)
 
     def say() -> None:
@@ -155,7 +155,7 @@ def serve(
 
     startup_checks.require_servable(settings_of(data_dir), workers)
     with listen(host, port) as socket:
-        app = studio_of(data_dir, job_handlers=JOBS)
+        app = app_context_of(data_dir, job_handlers=JOBS)
         startup_checks.require_safe(app, host)
         for sentence in startup_checks.unsafe_settings(app, host):
             print(f"pbpo: {sentence}", file=sys.stderr)
@@ -188,7 +188,7 @@ def study_check(folder: Folder, data_dir: DataDir = None) -> None:
     )
     settings = settings_of(data_dir)
     if settings.database_url or (settings.data_dir / DATABASE_FILE).is_file():
-        taken = slugs.remark(studio_of(data_dir), plan.slug, slugs.folder_hash(loaded.root))
+        taken = slugs.remark(app_context_of(data_dir), plan.slug, slugs.folder_hash(loaded.root))
         if taken is not None:
             out.print(f"{plan.slug}: {taken}")
 
@@ -208,7 +208,7 @@ def study_create(
     loaded = repository.load_folder(folder)
     try:
         info = repository.create(
-            studio_of(data_dir),
+            app_context_of(data_dir),
             loaded,
             # A draft that somebody made in the browser is theirs.
             may_replace=lambda session, study_id: slugs.owner_of(session, study_id) is None,
@@ -226,7 +226,7 @@ def study_create(
 def study_revise(folder: Folder, data_dir: DataDir = None) -> None:
     """Give a study new texts. Whoever agreed to another consent is asked again."""
     loaded = repository.load_folder(folder)
-    info = revision.revise(studio_of(data_dir), loaded)
+    info = revision.revise(app_context_of(data_dir), loaded)
     out.print(f"{info.slug}: texts as of version {info.plan_version}.")
 
 
@@ -234,7 +234,7 @@ def study_revise(folder: Folder, data_dir: DataDir = None) -> None:
 def study_list(data_dir: DataDir = None) -> None:
     """List the studies."""
     table = Table("slug", "status", "trials", "queries per trial", "plan", box=None)
-    for study in repository.all_studies(studio_of(data_dir)):
+    for study in repository.all_studies(app_context_of(data_dir)):
         plan = study.plan
         table.add_row(
             study.slug,
@@ -249,7 +249,7 @@ def study_list(data_dir: DataDir = None) -> None:
 @study_app.command("open")
 def study_open(slug: Slug, data_dir: DataDir = None) -> None:
     """Let participants in."""
-    app = studio_of(data_dir)
+    app = app_context_of(data_dir)
     repository.open_study(app, slug)
     entrance = address_of(app, f"/s/{slug}")
     out.print(f"{slug} is open: participants enter at {entrance}")
@@ -258,7 +258,7 @@ def study_open(slug: Slug, data_dir: DataDir = None) -> None:
 @study_app.command("close")
 def study_close(slug: Slug, data_dir: DataDir = None) -> None:
     """Let nobody in any more; sessions under way may finish."""
-    repository.close_study(studio_of(data_dir), slug)
+    repository.close_study(app_context_of(data_dir), slug)
     out.print(f"{slug} is closed.")
 
 
@@ -273,7 +273,7 @@ def link_create(
     """Make links that each let one person in, once, and show them this once."""
     from app.services.arrival import entry_links
 
-    app = studio_of(data_dir)
+    app = app_context_of(data_dir)
     say_links(app, entry_links.create(app, slug, count, label), address)
 
 
@@ -282,7 +282,7 @@ def link_pilot(slug: Slug, address: Address = "", data_dir: DataDir = None) -> N
     """Make a link by which people try the study, without counting. It ends the one before it."""
     from app.services.arrival import pilot_links
 
-    app = studio_of(data_dir)
+    app = app_context_of(data_dir)
     say_links(app, [pilot_links.path_of(slug, pilot_links.make_link(app, slug))], address)
 
 
@@ -361,7 +361,7 @@ def replay(slug: Slug, data_dir: DataDir = None) -> None:
     from app.services.sessions.replay import replay as replay_study
 
     different = queries = trials = 0
-    for trial in replay_study(studio_of(data_dir), slug):
+    for trial in replay_study(app_context_of(data_dir), slug):
         trials += 1
         queries += trial.queries
         different += len(trial.differences)

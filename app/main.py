@@ -114,7 +114,7 @@ def create_app(
     fastapi_app.add_middleware(body_limit.BodyLimit)
     fastapi_app.add_middleware(request_guard.Guard)
     fastapi_app.add_middleware(host_cookies.HostCookies)
-    fastapi_app.add_middleware(failure_middleware.FaultsCounted)
+    fastapi_app.add_middleware(failure_middleware.FailureMiddleware)
     fastapi_app.add_middleware(request_log.RequestLog)
     fastapi_app.add_exception_handler(page_context.ToSignIn, _to_sign_in)
     fastapi_app.mount("/static", KeptStaticFiles(directory=STATIC), name="static")

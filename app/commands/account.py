@@ -12,7 +12,7 @@ from app.services.accounts import accounts, administration, invitations
 from app.services.accounts.accounts import Role, Scope
 from app.services.accounts.audit_log import COMMAND_LINE
 
-from .options import Address, DataDir, address_of, out, say_links, studio_of
+from .options import Address, DataDir, address_of, app_context_of, out, say_links
 
 commands = typer.Typer(no_args_is_help=True, help="Who may run studies.")
 
@@ -29,7 +29,7 @@ def create(
     data_dir: DataDir = None,
 ) -> None:
     """Make an account; asks for the password."""
-    app = studio_of(data_dir)
+    app = app_context_of(data_dir)
     password = typer.prompt("Password", hide_input=True, confirmation_prompt=True)
     made = accounts.create(app, email, password, role)
     sign_in = address_of(app, "/sign-in")
@@ -44,7 +44,7 @@ def invite(
     data_dir: DataDir = None,
 ) -> None:
     """Make a link with which somebody makes their account, once, and show it this once."""
-    app = studio_of(data_dir)
+    app = app_context_of(data_dir)
     path = invitations.invite(app, email, role, COMMAND_LINE)
     typer.echo(
         f"Send {email} this link. Within {invitations.LASTS.days} days it lets them choose a"
@@ -57,7 +57,7 @@ def invite(
 @commands.command()
 def reset(email: Email, address: Address = "", data_dir: DataDir = None) -> None:
     """Make a link with which somebody chooses another password, once, and show it this once."""
-    app = studio_of(data_dir)
+    app = app_context_of(data_dir)
     path = invitations.reset(app, email, COMMAND_LINE)
     typer.echo(
         f"Send {email} this link. Within {invitations.LASTS.days} days it lets them choose another"
@@ -71,7 +71,7 @@ def reset(email: Email, address: Address = "", data_dir: DataDir = None) -> None
 def list_accounts(data_dir: DataDir = None) -> None:
     """List the accounts."""
     table = Table("address", "role", "made", "disabled", box=None)
-    for account in administration.all_accounts(studio_of(data_dir)):
+    for account in administration.all_accounts(app_context_of(data_dir)):
         disabled = "" if account.disabled_at is None else f"{account.disabled_at:%Y-%m-%d}"
         made = f"{account.created_at:%Y-%m-%d}"
         table.add_row(account.email, account.role.value, made, disabled)
@@ -81,14 +81,14 @@ def list_accounts(data_dir: DataDir = None) -> None:
 @commands.command()
 def disable(email: Email, data_dir: DataDir = None) -> None:
     """Let nobody in with this account any more."""
-    administration.disable(studio_of(data_dir), email, COMMAND_LINE)
+    administration.disable(app_context_of(data_dir), email, COMMAND_LINE)
     out.print(f"{email} is disabled. To let them in again: pbpo account enable {email}")
 
 
 @commands.command()
 def enable(email: Email, data_dir: DataDir = None) -> None:
     """Let the owner of a disabled account in again."""
-    administration.enable(studio_of(data_dir), email, COMMAND_LINE)
+    administration.enable(app_context_of(data_dir), email, COMMAND_LINE)
     out.print(f"{email} can sign in again.")
 
 
@@ -99,7 +99,7 @@ def change_role(
     data_dir: DataDir = None,
 ) -> None:
     """Give an account another role."""
-    administration.change_role(studio_of(data_dir), email, role, COMMAND_LINE)
+    administration.change_role(app_context_of(data_dir), email, role, COMMAND_LINE)
     out.print(f"{email} is {role.value} now.")
 
 
@@ -112,6 +112,6 @@ def token(
     data_dir: DataDir = None,
 ) -> None:
     """Make an API token for an account, and show it this once."""
-    app = studio_of(data_dir)
+    app = app_context_of(data_dir)
     who = accounts.find(app, email)
     out.print(accounts.create_api_token(app, who, label, scope, timedelta(days=days)))

@@ -17,7 +17,7 @@ from app.services.monitoring.data_quality import Flag
 from app.services.runtime.errors import ServiceError
 from app.services.studies import repository
 
-from .options import DataDir, Slug, out, studio_of
+from .options import DataDir, Slug, app_context_of, out
 
 
 class Mode(StrEnum):
@@ -113,7 +113,7 @@ def export(
         raise ServiceError(f"expected tables among {', '.join(TABLES)}, got {unknown[0]!r}")
     if table and format != "csv":
         raise ServiceError(f"expected --table with --format csv, got --format {format}")
-    app = studio_of(data_dir)
+    app = app_context_of(data_dir)
     request = asked(
         app, slug, mode, condition, since, until, exclude_flagged, exclude_flag, completed
     )
@@ -147,7 +147,7 @@ def report(
     """Write a study's report, report.html and report.pdf: design, flow, results, versions."""
     from app.services import reporting  # noqa: PLC0415 - figures are slow to load
 
-    app = studio_of(data_dir)
+    app = app_context_of(data_dir)
     request = asked(
         app, slug, mode, condition, since, until, exclude_flagged, exclude_flag, completed
     )

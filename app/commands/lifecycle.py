@@ -10,7 +10,7 @@ import typer
 from app.services.studies import folder_export, lifecycle
 from app.study.scaffold import require_empty
 
-from .options import DataDir, Slug, out, studio_of
+from .options import DataDir, Slug, app_context_of, out
 
 app = typer.Typer()
 
@@ -18,14 +18,14 @@ app = typer.Typer()
 @app.command("pause")
 def pause(slug: Slug, data_dir: DataDir = None) -> None:
     """Let nobody in for a while; sessions under way go on."""
-    lifecycle.pause(studio_of(data_dir), slug)
+    lifecycle.pause(app_context_of(data_dir), slug)
     out.print(f"{slug} is paused. To let people in again: pbpo study resume {slug}")
 
 
 @app.command("resume")
 def resume(slug: Slug, data_dir: DataDir = None) -> None:
     """Let people in again."""
-    lifecycle.resume(studio_of(data_dir), slug)
+    lifecycle.resume(app_context_of(data_dir), slug)
     out.print(f"{slug} lets people in again.")
 
 
@@ -40,7 +40,7 @@ def clone(
 ) -> None:
     """Write a study's plan, texts, table and videos into a folder, to make another one of."""
     require_empty(folder)
-    folder_export.write_folder(studio_of(data_dir), slug, folder, new_slug or f"{slug}-copy")
+    folder_export.write_folder(app_context_of(data_dir), slug, folder, new_slug or f"{slug}-copy")
     out.print(f"{folder} holds a copy of {slug}. Change it, then: pbpo study check {folder}")
 
 
@@ -53,5 +53,5 @@ def delete(
     data_dir: DataDir = None,
 ) -> None:
     """Delete a draft, or a closed study with all its data; the audit trail remains."""
-    lifecycle.delete(studio_of(data_dir), slug, typed=confirm)
+    lifecycle.delete(app_context_of(data_dir), slug, typed=confirm)
     out.print(f"{slug} is deleted.")

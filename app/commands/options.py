@@ -56,7 +56,7 @@ def closing_studios() -> Iterator[None]:
             _OPENED.reset(token)
 
 
-def studio_of(data_dir: Path | None, **changes: Any) -> AppContext:
+def app_context_of(data_dir: Path | None, **changes: Any) -> AppContext:
     app = open_app(settings_of(data_dir), **changes)
     _OPENED.get().callback(app.close)
     return app

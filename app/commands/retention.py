@@ -9,7 +9,7 @@ import typer
 from app.services.accounts.audit_log import COMMAND_LINE
 from app.services.maintenance import retention
 
-from .options import DataDir, out, studio_of
+from .options import DataDir, app_context_of, out
 
 commands = typer.Typer(no_args_is_help=True, help="Delete what studies have promised to delete.")
 
@@ -27,7 +27,7 @@ def run(
     data_dir: DataDir = None,
 ) -> None:
     """Delete what is due by each study's retention rule, as the server does every hour."""
-    app = studio_of(data_dir)
+    app = app_context_of(data_dir)
     found = retention.run(app, dry_run=dry_run, actor=COMMAND_LINE)
     verb = "would be" if dry_run else "were"
     for slug, swept in found.items():

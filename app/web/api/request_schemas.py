@@ -77,6 +77,8 @@ class StartSession(_In):
 
 
 class GiveConsent(_In):
+    """Agreement to the consent text of a version."""
+
     version: Plain = Field(max_length=64, description="Version of the text that is agreed to.")
 
 
@@ -91,10 +93,14 @@ class MeasuredDevice(_In):
 
 
 class GoOn(_In):
+    """Leaving a page, with the device check's measurements where there are any."""
+
     device: MeasuredDevice | None = Field(None, description="In stage device_check.")
 
 
 class Watched(_In):
+    """A familiarisation video watched to its end."""
+
     index: Annotated[
         int, Field(ge=0, le=1_000, description="Place of the video in the list, from 0."), Whole
     ]
@@ -179,6 +185,8 @@ class Leave(_In):
 
 
 class AskForDeletion(_In):
+    """Deletion by a receipt code."""
+
     receipt: Plain = Field(
         min_length=1, max_length=64, description="The code that was given with the session."
     )

@@ -17,8 +17,8 @@ from app.services.studies import access
 from app.services.studies.access import Right
 from app.services.studies.session_modes import LIVE
 from app.study.stage_settings import Device
-from app.web.http.concurrency import in_line, in_line_to_look
-from app.web.http.json_bodies import ParsedApart
+from app.web.http.concurrency import limited_read, limited_write
+from app.web.http.json_bodies import ThreadParsedJsonRoute
 from app.web.http.problems import refusals
 from app.web.http.security import AppDep, MaybeExperimenterDep
 from app.web.http.session_tokens import SessionToken
@@ -49,7 +49,7 @@ of_session = APIRouter(
     prefix="/session",
     dependencies=[Depends(SESSION)],
     generate_unique_id_function=short_id,
-    route_class=ParsedApart,
+    route_class=ThreadParsedJsonRoute,
 )
 
 
@@ -63,7 +63,7 @@ of_session = APIRouter(
     # A token is needed for sessions that do not count only.
     openapi_extra={"security": [{}]},
 )
-@in_line
+@limited_write
 def start_session(slug: str, body: StartSession, app: AppDep, caller: MaybeExperimenterDep) -> Any:
     """Begin a session. The token is shown this once."""
     by_experimenter = caller is not None and access.may(app, caller, slug, Right.CHANGE)
@@ -85,14 +85,14 @@ def start_session(slug: str, body: StartSession, app: AppDep, caller: MaybeExper
 
 
 @router.post("/studies/{slug}/deletions", status_code=204, responses=refusals(404, 410, body=True))
-@in_line
+@limited_write
 def delete_by_receipt(slug: str, body: AskForDeletion, app: AppDep) -> None:
     """Delete what the holder of a receipt gave: without an account, at any time."""
     withdrawal.delete_by_receipt(app, slug, body.receipt)
 
 
 @of_session.get("", responses=refusals(401, 410), **STATE)
-@in_line_to_look
+@limited_read
 def get_session(app: AppDep, token: SessionToken, response: Response) -> State:
     """Where the session is."""
     response.headers["Cache-Control"] = "no-store"
@@ -100,14 +100,14 @@ def get_session(app: AppDep, token: SessionToken, response: Response) -> State:
 
 
 @of_session.post("/consent", responses=refusals(401, 410, 409, body=True), **STATE)
-@in_line
+@limited_write
 def give_consent(body: GiveConsent, app: AppDep, token: SessionToken) -> State:
     """Agree to the consent of this version."""
     return stages.consent(app, token, body.version)
 
 
 @of_session.post("/continue", responses=refusals(401, 410, 409, body=True), **STATE)
-@in_line
+@limited_write
 def go_on(app: AppDep, token: SessionToken, body: GoOn | None = None) -> State:
     """Leave a page that only has to be left. The device check wants what was measured."""
     measured = body.device if body is not None else None
@@ -116,28 +116,28 @@ def go_on(app: AppDep, token: SessionToken, body: GoOn | None = None) -> State:
 
 
 @of_session.post("/screen-out", responses=refusals(401, 410, 403, 409), **STATE)
-@in_line
+@limited_write
 def screen_out(app: AppDep, token: SessionToken) -> State:
     """Leave the device check for good: the person has no device that passes it."""
     return stages.screen_out(app, token)
 
 
 @of_session.post("/watched", responses=refusals(401, 410, 404, 409, body=True), **STATE)
-@in_line
+@limited_write
 def watched(body: Watched, app: AppDep, token: SessionToken) -> State:
     """A video of the familiarisation was watched to its end. The same again changes nothing."""
     return stages.watch(app, token, body.index)
 
 
 @of_session.post("/questionnaire", responses=refusals(401, 410, 409, body=True), **STATE)
-@in_line
+@limited_write
 def answer_questionnaire(body: Answers, app: AppDep, token: SessionToken) -> State:
     """Answer all items of the open questionnaire. 422 names every answer that cannot be taken."""
     return questionnaires.answer(app, token, body.answers)
 
 
 @of_session.post("/responses", responses=refusals(401, 410, 404, 409, body=True), **STATE)
-@in_line
+@limited_write
 def respond(body: Respond, app: AppDep, token: SessionToken) -> State:
     """Answer the open query. The same again changes nothing."""
     client_events = _happenings(body.events)
@@ -155,14 +155,14 @@ def respond(body: Respond, app: AppDep, token: SessionToken) -> State:
 
 
 @of_session.post("/undo", responses=refusals(401, 410, 404, 409, body=True), **STATE)
-@in_line
+@limited_write
 def undo_response(body: Undo, app: AppDep, token: SessionToken) -> State:
     """Take a response back, while the study lets one."""
     return undo(app, token, body.query_id)
 
 
 @of_session.post("/faults", responses=refusals(401, 410, 404, 409, body=True), **STATE)
-@in_line
+@limited_write
 def report_fault(body: ReportFault, app: AppDep, token: SessionToken) -> State:
     """Say that a video of the open query did not play: another one takes its place."""
     report = FaultReport(body.query_id, body.reason, _happenings(body.events), body.events_left_out)
@@ -170,7 +170,7 @@ def report_fault(body: ReportFault, app: AppDep, token: SessionToken) -> State:
 
 
 @of_session.post("/withdraw", responses=refusals(401, 410, 409, body=True), **STATE)
-@in_line
+@limited_write
 def withdraw(app: AppDep, token: SessionToken, body: Leave | None = None) -> State:
     """Stop. Before consent this declines. With `delete` the session is gone afterwards."""
     if body is not None and body.delete:

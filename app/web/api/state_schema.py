@@ -23,6 +23,8 @@ class Progress(BaseModel):
 
 
 class StudyInState(BaseModel):
+    """The study, as far as every page needs it."""
+
     slug: str
     title: str
     contact: str | None
@@ -31,20 +33,28 @@ class StudyInState(BaseModel):
 
 
 class Video(BaseModel):
+    """A video to play."""
+
     url: str
     duration_s: float
 
 
 class Text(BaseModel):
+    """A text of the study as HTML."""
+
     html: str
 
 
 class Consent(Text):
+    """The consent text and its version."""
+
     version: str = Field(description="What an agreement has to name.")
     again: bool = Field(False, description="The text has changed since it was agreed to.")
 
 
 class DeviceCheck(BaseModel):
+    """What the device check requires."""
+
     clip: Video
     test_clip: bool = Field(description="Whether the clip has to be played.")
     min_width_px: int | None
@@ -52,6 +62,8 @@ class DeviceCheck(BaseModel):
 
 
 class Familiarisation(BaseModel):
+    """The videos to watch before the comparisons."""
+
     videos: list[Video]
     required: int = Field(description="So many have to be watched to the end.")
     watched: list[int] = Field(description="Places in the list, from 0.")
@@ -59,21 +71,29 @@ class Familiarisation(BaseModel):
 
 
 class Reason(BaseModel):
+    """A reason that can be chosen for a skip."""
+
     name: str
     label: str
 
 
 class Skip(BaseModel):
+    """The skip button."""
+
     label: str
     reasons: list[Reason] = Field(default=[], description="One of these may be given.")
 
 
 class UndoOffer(BaseModel):
+    """The response that can be undone, and for how long."""
+
     query_id: str
     seconds_left: float
 
 
 class Query(BaseModel):
+    """The open query."""
+
     id: str
     left: Video
     right: Video
@@ -85,6 +105,8 @@ class Query(BaseModel):
 
 
 class Item(BaseModel):
+    """An item of a questionnaire."""
+
     name: str
     type: str
     label: str
@@ -96,11 +118,15 @@ class Item(BaseModel):
 
 
 class Questionnaire(BaseModel):
+    """The open questionnaire."""
+
     page: Literal["trial", "end"]
     items: list[Item]
 
 
 class Break(BaseModel):
+    """A break between two trials."""
+
     ends_at: str = Field(json_schema_extra={"format": "date-time"})
     seconds_left: int
     next_skip: Skip | None = Field(description="The skip button of the trial that comes next.")
@@ -138,6 +164,8 @@ class SessionState(BaseModel):
 
 
 class Started(BaseModel):
+    """A session that has just begun."""
+
     token: str
     receipt: str = Field(description="With this code what was given can be deleted later.")
     session: SessionState

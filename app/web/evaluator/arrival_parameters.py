@@ -1,4 +1,4 @@
-"""What a request says of the person who comes: their platform's ids, or the token of their link."""
+"""The parameters of an entry link: a person's ids at a platform, or a personal link's token."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ from app.web.http.security import session_cookie
 
 from . import session_cookies
 
-#: The parameter of a link that lets one person in.
+#: The parameter of a personal link, which admits one person.
 ENTRY = "entry"
 #: By how much the platform's clock and ours may differ, in seconds.
 _CLOCKS_APART_S = 60.0
 
 
 def given(request: Request, slug: str, app: AppContext) -> Given:
-    """What the link says that may be kept. Raises NotFoundError or IdsRefusedError."""
+    """The parameters of the link that may be stored. Raises NotFoundError or IdsRefusedError."""
     if not request.query_params or session_paths.mode_of(request) != session_modes.LIVE:
-        # Who only tries the study is nobody's participant.
+        # A preview or pilot has no participant.
         return Given({})
     came = request.query_params.multi_items()
     if repository.find(app, slug).plan.recruitment.signed_links:
@@ -43,14 +43,14 @@ def _signed(
     request: Request, slug: str, app: AppContext, came: list[tuple[str, str]]
 ) -> dict[str, str]:
     """The parameters as the platform signed them. Raises SignedLinkError."""
-    # The host that a request names proves nothing: it may be another tool's, as the token may be.
+    # The Host header proves nothing: it may be another tool's, as the token may be.
     address = f"{app.settings.public_url}/s/{slug}"
     leeway_s = READING_S if request.method == "POST" else _CLOCKS_APART_S
     return app.platform_keys.signed(came, address, leeway_s)
 
 
 def require_signed(request: Request, slug: str, app: AppContext) -> bool:
-    """Whether the link was signed, where its study wants that. Raises SignedLinkError."""
+    """Whether the link was signed, if its study requires that. Raises SignedLinkError."""
     wanted = repository.find(app, slug).plan.recruitment.signed_links
     if not wanted or session_paths.mode_of(request) != session_modes.LIVE:
         return False
@@ -65,7 +65,7 @@ def entry(request: Request) -> str | None:
 
 
 def holder(request: Request, slug: str, app: AppContext) -> Holder:
-    """Who comes, as against the session that the browser holds. Raises as `given` does."""
+    """The person of the link, compared with the browser's session. Raises as `given` does."""
     token = request.cookies.get(session_cookie(slug))
     found = session_holder.holder(app, slug, token, given(request, slug, app).ids)
     link = entry(request)
@@ -85,6 +85,6 @@ def _is_single_use(app: AppContext, slug: str) -> bool:
 
 
 def note_unfilled(app: AppContext, slug: str, given: Given) -> None:
-    """Have those who run the study told that somebody began by a link that was not filled in."""
+    """Count for the study's overview a session begun by a link with unfilled placeholders."""
     if given.unfilled:
         app.failures.note(Kind.UNFILLED, FailureContext(slug=slug))

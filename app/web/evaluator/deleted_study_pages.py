@@ -1,6 +1,6 @@
-"""What a deleted study answers: 410, in words, and the way back for whoever was in it.
+"""Responses for a deleted study: 410 with an explanation and the participant's return link.
 
-Nothing is looked up until a study or a session was not found.
+Deleted studies are looked up only after a study or a session was not found.
 """
 
 from __future__ import annotations
@@ -15,19 +15,19 @@ from app.services.runtime.errors import NotFoundError, SignInRequiredError, Stud
 from app.services.studies import deleted_studies, session_modes
 from app.services.studies.deleted_studies import Deleted
 from app.web.http import problems, session_paths
-from app.web.http.security import bearer, studio_of
+from app.web.http.security import app_context_of, bearer
 from app.web.http.translations import translatable
 
 from .session_pages import render
 
-#: Addresses of those who take part, by the study that they name.
+#: Participants' addresses that name a study.
 _PAGE = re.compile(r"/s/([^/]+)(/.*)?")
 _CALL = re.compile(r"/api/v1/studies/([^/]+)/(sessions|deletions)")
 _SESSION = re.compile(r"/api/v1/session(/.*)?")
 
 
 def install(app: FastAPI) -> None:
-    """Answer so for `app`, in place of `problems`, whose `install` comes before."""
+    """Register these handlers. Call it after `problems.install`, whose handlers it replaces."""
     for error in (NotFoundError, SignInRequiredError):
         app.add_exception_handler(error, _not_there)
 
@@ -58,9 +58,9 @@ def _deleted(request: Request) -> Deleted | None:
         token = bearer(request.headers.get("authorization"))
         if slug is not None and mode == session_modes.LIVE and token is None:
             token = request.cookies.get(session_paths.cookie_of(mode, slug))
-        return deleted_studies.find(studio_of(request), slug, token)
+        return deleted_studies.find(app_context_of(request), slug, token)
     named = _PAGE.fullmatch(path) or _CALL.fullmatch(path)
     if named is None:
         return None
     token = request.cookies.get(session_paths.cookie_of(session_modes.LIVE, named[1]))
-    return deleted_studies.find(studio_of(request), named[1], token)
+    return deleted_studies.find(app_context_of(request), named[1], token)

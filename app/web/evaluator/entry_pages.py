@@ -1,4 +1,4 @@
-"""The pages that an evaluator goes through: `/s/{slug}`, always the page of the stage one is in."""
+"""Entry to a study: `/s/{slug}` always shows the page of the session's current stage."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from app.services.studies import repository, session_modes
 from app.study import recruitment
 from app.study.recruitment import Outcome
 from app.web.http import languages, session_paths
-from app.web.http.concurrency import in_line
+from app.web.http.concurrency import limited_write
 from app.web.http.security import AppDep, session_cookie
 from app.web.http.translations import translatable
 
@@ -44,7 +44,7 @@ router = APIRouter(prefix="/s/{slug}", include_in_schema=False, route_class=Eval
 
 @router.get("")
 def enter(slug: str, request: Request, app: AppDep) -> Response:
-    """The page of the stage that the browser's session is in; for a newcomer, the consent."""
+    """The page of the stage that the browser's session is in; for a newcomer, the landing page."""
     outside = mturk_pages.outside_the_study(request, slug, app)
     if outside is not None:
         return outside
@@ -82,7 +82,7 @@ def read_consent(slug: str, request: Request, app: AppDep) -> Response:
 
 
 @router.post("/consent")
-@in_line
+@limited_write
 def consent(
     slug: str,
     request: Request,
@@ -90,7 +90,7 @@ def consent(
     version: Annotated[str, Form()],
     arrival: Annotated[str, Form()] = "",
 ) -> Response:
-    """Agree. Only now is anything kept of a newcomer."""
+    """Agree. Nothing is stored of a newcomer before this."""
     holder = arrival_parameters.holder(request, slug, app)
     if holder is Holder.UNCERTAIN:
         return to_stage(slug, request.url.query)
@@ -128,7 +128,7 @@ def _agree(
 def _enter(
     request: Request, slug: str, app: AppContext, version: str, arrival: str, *, after: str | None
 ) -> str | Response:
-    """The token of a newcomer's new session, or the page that says why there is none."""
+    """The token of a newcomer's new session, or the page that explains why there is none."""
     if _is_barred(app, after):
         return to_stage(slug)
     entry = arrival_parameters.entry(request)
@@ -169,10 +169,10 @@ def _enter(
 
 
 @router.post("/decline")
-@in_line
+@limited_write
 def decline(slug: str, request: Request, app: AppDep) -> Response:
-    """Decline. Of a newcomer nothing is kept but that one more declined."""
-    # The browser may hold the session of somebody else, who declines nothing by this.
+    """Decline. Of a newcomer only a count is stored."""
+    # The browser may hold another person's session, which this must not decline.
     is_own = arrival_parameters.holder(request, slug, app) is Holder.SAME
     token = request.cookies.get(session_cookie(slug))
     if not is_own or token is None or not is_known(app, token):
@@ -190,18 +190,18 @@ def decline(slug: str, request: Request, app: AppDep) -> Response:
 
 
 @router.post("/continue")
-@in_line
+@limited_write
 def go_on(
     slug: str, request: Request, app: AppDep, leaving: Annotated[str | None, Form()] = None
 ) -> Response:
-    """leaving: the stage that the page is of; another tab may have left it."""
+    """Continue to the next stage. leaving: the stage of the page; another tab may have left it."""
     return do(request, slug, lambda: stages.go_on(app, token_of(request, slug), leaving=leaving))
 
 
 def _way_back_of(
     request: Request, app: AppContext, slug: str, outcome: Outcome
 ) -> dict[str, Any] | None:
-    """The code and the way back of somebody of whom nothing is kept but the link they came by."""
+    """The completion code and return link for a person of whom only the entry link is known."""
     if session_paths.mode_of(request) != session_modes.LIVE:
         return None
     ids = arrival_parameters.given(request, slug, app).ids
@@ -211,7 +211,7 @@ def _way_back_of(
 def _arrival(
     request: Request, slug: str, app: AppContext, *, past_welcome: bool = False
 ) -> Response:
-    """Somebody without a session in this browser: a newcomer, or known by what the link says."""
+    """The page for a browser without a session: a newcomer, or a person known by the link's ids."""
     arrival_parameters.require_signed(request, slug, app)
     try:
         re_entry.require_unknown(app, slug, arrival_parameters.given(request, slug, app).ids)
@@ -224,14 +224,14 @@ def _arrival(
 
 
 def _gone(request: Request, slug: str, app: AppContext, error: SessionExpiredError) -> Response:
-    """The browser's session can no longer be gone on with."""
+    """The response where the browser's session can no longer be continued."""
     if isinstance(error, SessionTooOldError):
         return _left(request, slug, app, error)
     return refusal_pages.expired(request, slug, app)
 
 
 def _left(request: Request, slug: str, app: AppContext, error: SessionTooOldError) -> Response:
-    """Back after too long: what the study's resume policy has for them."""
+    """The response after the resume limit, by the study's resume policy."""
     if error.policy == "restart":
         return _landing_page(request, slug, app)
     plan = repository.find(app, slug).plan
@@ -250,7 +250,7 @@ def _left(request: Request, slug: str, app: AppContext, error: SessionTooOldErro
 
 
 def _is_barred(app: AppContext, token: str | None) -> bool:
-    """Whether the browser's session was left for so long that the study lets nobody begin anew."""
+    """Whether the resume limit has passed in a study that allows no second start."""
     try:
         if token is not None:
             stages.current(app, token)
@@ -289,7 +289,7 @@ def _landing_page(
             translatable("No place left"),
             status=409,
             **about(request, plan),
-            # Who came from a platform is owed its code: there is nothing for them to wait for.
+            # People from a platform need its completion code, so they are not asked to wait.
             way_back=_way_back_of(request, app, slug, "screened_out"),
         )
     except StudyNotOpenError as error:

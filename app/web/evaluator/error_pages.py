@@ -1,6 +1,6 @@
-"""When something of ours fails, an evaluator gets a page that says so, and the way back.
+"""Error pages of evaluators: each says that the server failed, and has the return link.
 
-The pages of each mode of a session (`entrances`) are these routes, too.
+Pages of all modes of a session (`entrances`) are such routes.
 """
 
 from __future__ import annotations
@@ -22,33 +22,34 @@ from app.services.studies import session_modes
 from app.storage.integrity_errors import is_conflict
 from app.study.protocol import ProtocolError
 from app.web.http import session_paths
-from app.web.http.security import session_cookie, studio_of
+from app.web.http.security import app_context_of, session_cookie
 from app.web.http.translations import translatable
 
 from .session_pages import render
 
 log = logging.getLogger(__name__)
 
-#: What is refused on purpose has a page of its own.
+#: Intended refusals have pages of their own.
 _ON_PURPOSE = (ServiceError, ProtocolError, HTTPException, RequestValidationError)
 
 Handler = Callable[[Request], Coroutine[Any, Any, Response]]
 
 
 class EvaluatorRoute(APIRoute):
-    """A route of `/s/{slug}` whose failures end in a page."""
+    """A route of `/s/{slug}` that answers failures with an error page."""
 
     def get_route_handler(self) -> Handler:
+        """The handler of the route, with failures turned into pages."""
         handle = super().get_route_handler()
 
         async def handle_kindly(request: Request) -> Response:
             slug = request.path_params["slug"]
             mode = session_paths.mode_of(request)
             await session_paths.require_admitted(request, mode, slug)
-            session_paths.take_in(request, mode, slug)
+            session_paths.read_mode_cookies(request, mode, slug)
             try:
                 response = await handle(request)
-                session_paths.send_out(response, mode, slug)
+                session_paths.write_mode_cookies(response, mode, slug)
                 return response
             except _ON_PURPOSE:
                 raise
@@ -66,7 +67,7 @@ def _failed(request: Request, slug: str) -> Response:
     token = request.cookies.get(session_cookie(slug))
     way_back = None
     if session_paths.mode_of(request) == session_modes.LIVE:
-        way_back = failure_return.after_a_failure(studio_of(request), slug, token)
+        way_back = failure_return.after_a_failure(app_context_of(request), slug, token)
     return render(
         request,
         slug,

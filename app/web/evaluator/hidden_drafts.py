@@ -1,4 +1,4 @@
-"""Drafts are nobody's to see but those who make them and those who try them in a pilot."""
+"""Drafts are visible only to their experimenters and to holders of the pilot link."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from app.services.studies import repository, session_modes
 from app.web.http import session_paths
 from app.web.http.security import session_cookie
 
-#: The parameter of a link that lets people into a pilot.
+#: The parameter of a pilot link.
 _ENTRY = "entry"
 
 
 def is_hidden(request: Request, slug: str, app: AppContext) -> bool:
-    """Whether the study is a draft, and the request is a stranger's. Raises NotFoundError."""
+    """Whether the study is a draft that this request may not see. Raises NotFoundError."""
     study = repository.find(app, slug)
     mode = session_paths.mode_of(request)
     if study.status != repository.DRAFT or mode == session_modes.PREVIEW:

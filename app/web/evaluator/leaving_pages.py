@@ -1,4 +1,4 @@
-"""The pages on which an evaluator stops, or has deleted what they gave."""
+"""Pages on which an evaluator withdraws or has their data deleted."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from app.services.sessions.state_view import ENDED
 from app.services.studies import repository, session_modes
 from app.study import recruitment
 from app.web.http import languages, session_paths, translations
-from app.web.http.concurrency import in_line
+from app.web.http.concurrency import limited_write
 from app.web.http.security import AppDep, set_cookie
 from app.web.http.translations import translatable
 
@@ -31,7 +31,7 @@ from .session_pages import about, do, not_open, render, to_stage, token_of
 
 router = APIRouter(prefix="/s/{slug}", include_in_schema=False, route_class=EvaluatorRoute)
 
-#: For how long the page that says that all is deleted shows its code again, after a reload say.
+#: For how long the page after a deletion shows its code again, after a reload for example.
 _PROOF_SECONDS = 3600
 
 _DELETE_TITLE = translatable("Delete my answers")
@@ -43,7 +43,7 @@ _NO_RECEIPT = translatable(
 
 @router.get("/withdraw")
 def ask_to_withdraw(slug: str, request: Request, app: AppDep) -> Response:
-    """What stopping means, before one does."""
+    """The confirmation page before withdrawing."""
     try:
         state = stages.current(app, token_of(request, slug))
     except (SignInRequiredError, SessionExpiredError):
@@ -58,17 +58,17 @@ def ask_to_withdraw(slug: str, request: Request, app: AppDep) -> Response:
         "participant/withdraw.html",
         title,
         state,
-        # A platform's ids lead back into a session, and no further.
+        # A platform's ids give access to a session, but not to its deletion.
         may_delete=receipt is not None,
     )
 
 
 @router.post("/withdraw")
-@in_line
+@limited_write
 def withdraw(
     slug: str, request: Request, app: AppDep, delete: Annotated[str, Form()] = ""
 ) -> Response:
-    """Stop, and keep what was answered, or delete it."""
+    """Withdraw, and keep or delete the responses."""
     if not delete:
         return do(request, slug, lambda: withdrawal.withdraw(app, token_of(request, slug)))
     try:
@@ -83,7 +83,7 @@ def withdraw(
 
 @router.get("/delete")
 def ask_for_receipt(slug: str, request: Request, app: AppDep) -> Response:
-    """Where a receipt's code is typed: none is filled in, for the browser may be shared."""
+    """The form for a receipt code. It is never prefilled: the browser may be shared."""
     hidden = not_open(request, slug, app)
     if hidden is not None:
         return hidden
@@ -91,7 +91,7 @@ def ask_for_receipt(slug: str, request: Request, app: AppDep) -> Response:
 
 
 @router.post("/delete")
-@in_line
+@limited_write
 def delete(
     slug: str,
     request: Request,
@@ -99,7 +99,7 @@ def delete(
     receipt: Annotated[str, Form()] = "",
     confirmed: Annotated[str, Form()] = "",
 ) -> Response:
-    """Ask once more, and then delete what the holder of this receipt gave."""
+    """Ask for confirmation, then delete the data of the holder of this receipt."""
     language = languages.of_reader(request, repository.find(app, slug).plan.languages)
     try:
         if not withdrawal.is_receipt(app, slug, receipt):
@@ -138,9 +138,9 @@ def _delete_page(
 
 @router.get("/deleted")
 def deleted(slug: str, request: Request, app: AppDep) -> Response:
-    """What a browser without a session is told; the way back needs no id that was deleted.
+    """The page after a deletion; its return link needs no id that was deleted.
 
-    A code is shown to the browser that has just deleted a session, and to nobody who opens this.
+    The completion code is shown only to the browser that has just deleted a session.
     """
     hidden = not_open(request, slug, app)
     if hidden is not None:
@@ -164,7 +164,7 @@ def _proof_cookie(slug: str) -> str:
 
 
 def _proof(app: AppContext, slug: str) -> str:
-    """What shows that a browser has deleted a session of this study."""
+    """The cookie value that proves that a browser has deleted a session of this study."""
     return hmac.new(app.secret.key("deleted pages"), slug.encode(), hashlib.sha256).hexdigest()
 
 

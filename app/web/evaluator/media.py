@@ -1,7 +1,7 @@
-"""Recordings, under addresses that say nothing, by ranges, for browsers to keep.
+"""Serves recordings under opaque addresses, by ranges, cacheable by browsers.
 
-Where a store of the network has them, browsers are sent there by links that are good for minutes;
-where the proxy in front may send them, it is told which.
+With an S3 store browsers are redirected to signed links; with a proxy that sends videos itself, the
+response names the file in `X-Accel-Redirect`.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ from app.web.http.security import AppDep
 
 router = APIRouter(tags=["media"])
 
-#: What a proxy understands and browsers never see: the address of a file that it has itself.
+#: Header for the proxy, which never reaches browsers: the proxy's own address of the file.
 TO_PROXY = "X-Accel-Redirect"
 
-#: How long a browser waits for a video that has to be made, in seconds: less than it, or a proxy in
-#: between, would wait for any answer. The video goes on being made, for when it is asked for again.
+#: Longest wait for a video that has to be rendered, in seconds: below the timeouts of browsers and
+#: proxies. Rendering continues, so that a later request finds the video.
 MADE_WITHIN_S = 50.0
 
 
@@ -39,8 +39,8 @@ MADE_WITHIN_S = 50.0
     include_in_schema=False,
 )
 async def recording(public_id: str, request: Request, app: AppDep) -> Response:
-    """A recording's video; one that is not there yet is rendered first."""
-    # One hand-over to a thread, if the video is there: on a busy server each has to be waited for.
+    """A recording's video; it is rendered first if it does not exist yet."""
+    # One call in a thread if the video exists: on a busy server each waits for its thread.
     begun = await run_in_threadpool(_begun, app, public_id, request)
     if isinstance(begun, _Coming):
         await _until_made(begun.made)
@@ -50,7 +50,7 @@ async def recording(public_id: str, request: Request, app: AppDep) -> Response:
 
 @dataclass(frozen=True)
 class _Coming:
-    """A video that is being made."""
+    """A video that is being rendered."""
 
     source: Source
     made: Future[Any]
@@ -59,19 +59,19 @@ class _Coming:
 async def _until_made(made: Future[Any]) -> None:
     """Raises what went wrong with the video, and StoreAwayError where it takes too long."""
     try:
-        # Shielded: one browser that goes away must not stop a video that others wait for.
+        # Shielded: a browser that disconnects must not cancel a video that others wait for.
         await asyncio.wait_for(asyncio.shield(asyncio.wrap_future(made)), MADE_WITHIN_S)
     except TimeoutError:
         if made.done():
             raise
-        # No worker is there, say: an answer is counted, and told to those who run the study.
+        # There may be no worker: the failure is counted and shown to experimenters.
         raise StoreAwayError(
             f"expected the video to be made within {MADE_WITHIN_S:g} s; try again"
         ) from None
 
 
 def _begun(app: AppContext, public_id: str, request: Request) -> Response | _Coming:
-    """The answer if the video is there, or the browser has it; else it is begun."""
+    """The response if the video exists or the browser has it; else its rendering is started."""
     source = _source(app, public_id)
     if request.headers.get("if-none-match") == _etag(public_id):
         headers = {"ETag": _etag(public_id), "Cache-Control": KEPT}
@@ -82,7 +82,7 @@ def _begun(app: AppContext, public_id: str, request: Request) -> Response | _Com
 
 
 def _source(app: AppContext, name: str) -> Source:
-    """Of a name that a session knows, or of a public id, which experimenters' pages show."""
+    """The source of a name issued to a session, or of a public id as on experimenters' pages."""
     shown = app.addresses.opened(name)
     if shown is None:
         return app.recordings.find(name)
@@ -90,14 +90,14 @@ def _source(app: AppContext, name: str) -> Source:
 
 
 def _answer(app: AppContext, public_id: str, source: Source, request: Request) -> Response:
-    """The video that is there."""
+    """The response with a video that exists."""
     place = app.recordings.serve(source, head=request.method == "HEAD")
     if isinstance(place, SignedUrl):
         kept = f"private, max-age={place.seconds}"
         return RedirectResponse(place.url, 307, headers={"Cache-Control": kept})
     headers = {"Cache-Control": KEPT, "ETag": _etag(public_id)}
     if isinstance(place, InternalRedirect):
-        # No body: the proxy puts the file in its place, or the part that was asked for.
+        # No body: the proxy replaces it with the file or the requested range.
         sent_by_proxy = {TO_PROXY: place.address, **headers}
         return Response(media_type=form_of(place.address), headers=sent_by_proxy)
     return video_file.answer(place, request, headers)

@@ -1,7 +1,7 @@
-"""What Mechanical Turk shows in its frame: a look at the task, and the door to it.
+"""The page in Mechanical Turk's frame: a preview of the task, and the link that opens the study.
 
-The study itself opens in a window of its own: the cookie that holds a session does not reach a
-frame of another site, and two videos need the room. The result is sent from there.
+The study opens in its own window: session cookies do not reach a frame of another site, and two
+videos need the space. The result is submitted from there.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ from app.web.http.security import POLICY, content_security_policy
 
 from .session_pages import render
 
-#: In the address that the door leads to, for browsers that send no Sec-Fetch-Dest.
+#: Parameter of our link in the frame, for browsers that send no Sec-Fetch-Dest.
 OPENED = "opened_in"
 
 
 def outside_the_study(request: Request, slug: str, app: AppContext) -> Response | None:
-    """The page for Mechanical Turk's frame; None for whoever is in a window of our own."""
+    """The page for Mechanical Turk's frame; None for a request from a window of its own."""
     given = request.query_params
     where = request.headers.get("sec-fetch-dest")
     in_frame = where == "iframe" or (where is None and _is_accepted(given))
@@ -57,5 +57,5 @@ def outside_the_study(request: Request, slug: str, app: AppContext) -> Response 
 
 
 def _is_accepted(given: QueryParams) -> bool:
-    """Whether the link is Mechanical Turk's own of an accepted task, and not yet the door's."""
+    """Whether Mechanical Turk opened this link, for an accepted task, rather than our page."""
     return "assignmentId" in given and "turkSubmitTo" in given and OPENED not in given

@@ -1,6 +1,6 @@
-"""Every page that an evaluator sees, as a file of its own.
+"""Renders every page that an evaluator sees as a standalone HTML file.
 
-Styles are within, scripts are not, and stills stand for the videos.
+Styles are inlined, scripts are removed, and still images replace the videos.
 """
 
 from __future__ import annotations

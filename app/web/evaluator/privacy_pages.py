@@ -1,4 +1,4 @@
-"""What is kept of an evaluator, and for how long: to be read on the way, and before one begins."""
+"""The privacy page: which data of an evaluator is stored, and for how long."""
 
 from __future__ import annotations
 

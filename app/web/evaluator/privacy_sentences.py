@@ -1,4 +1,4 @@
-"""The sentences of the privacy page: one for each topic of what is kept of an evaluator."""
+"""The sentences of the privacy page: one for each topic of stored data."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ _BELOW = (*(Topic.PSEUDONYM, Topic.LOGS, Topic.BROWSER, Topic.OTHER_SITES, Topic
 
 
 def sentences(app: AppContext, plan: Plan, language: str) -> dict[str, list[str]]:
-    """What the page says of this study, by where it says it."""
+    """The sentences for this study, by their section of the page."""
     origin = app.recordings.origin
     values = {"platform": plan.recruitment.label, "site": urlsplit(origin or "").netloc}
     said = topics(plan, videos_elsewhere=origin is not None)

@@ -1,4 +1,4 @@
-"""Whose session is it: back into one's own from another browser, or begun anew by somebody else."""
+"""Re-entry: return to one's session from another browser, or start anew on a shared one."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from app.services.runtime.errors import (
 from app.services.sessions import stages
 from app.services.sessions.state_view import ENDED
 from app.services.studies import repository
-from app.web.http.concurrency import in_line
+from app.web.http.concurrency import limited_write
 from app.web.http.security import AppDep
 from app.web.http.translations import translatable
 
@@ -31,11 +31,11 @@ router = APIRouter(prefix="/s/{slug}", include_in_schema=False, route_class=Eval
 
 
 @router.post("/return")
-@in_line
+@limited_write
 def come_back(
     slug: str, request: Request, app: AppDep, receipt: Annotated[str, Form()] = ""
 ) -> Response:
-    """Back into one's session: by its receipt code, or by the platform's id of the submission."""
+    """Return to a session by its receipt code or by the platform's submission id."""
     repository.find(app, slug)
     refused = refusal_pages.without_cookies(request, slug, app)
     if refused is not None:
@@ -60,7 +60,7 @@ def come_back(
 
 
 class _NotAReceiptError(KnownPersonError):
-    """A receipt code was typed that belongs to no session."""
+    """The receipt code belongs to no session."""
 
 
 def _by_receipt(app: AppContext, slug: str, receipt: str) -> str:
@@ -71,9 +71,9 @@ def _by_receipt(app: AppContext, slug: str, receipt: str) -> str:
 
 
 @router.post("/claim")
-@in_line
+@limited_write
 def claim(slug: str, request: Request, app: AppDep) -> Response:
-    """Say that one is the person who began in this browser: the link's ids are added."""
+    """Confirm having begun in this browser: the link's ids are added to its session."""
     ids = arrival_parameters.given(request, slug, app).ids
     try:
         session_holder.add_ids(app, slug, token_of(request, slug), ids)
@@ -86,7 +86,7 @@ def claim(slug: str, request: Request, app: AppDep) -> Response:
 
 @router.get("/not-you")
 def ask_who(slug: str, request: Request, app: AppDep) -> Response:
-    """Before the browser lets go of the session that it holds."""
+    """The confirmation page before the browser's session is detached."""
     plan = repository.find(app, slug).plan
     try:
         token = token_of(request, slug)
@@ -104,8 +104,8 @@ def ask_who(slug: str, request: Request, app: AppDep) -> Response:
 
 
 @router.post("/begin-anew")
-@in_line
+@limited_write
 def begin_anew(slug: str, request: Request, app: AppDep) -> Response:
-    """Have the browser forget the session of the last person at it. What they gave is kept."""
+    """Detach the browser from the previous person's session. Its data is kept."""
     repository.find(app, slug)
     return session_cookies.forget(to_stage(slug, request.url.query), slug)

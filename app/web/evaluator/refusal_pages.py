@@ -1,4 +1,4 @@
-"""What somebody is shown whom a study does not let in, and what they can do."""
+"""Pages for people who are not admitted to a study, with the reason and what they can do."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def refused(
     app: AppContext,
     error: EntryLinkError | AlreadyTakenPartError | KnownPersonError,
 ) -> Response:
-    """The page of the reason for which somebody is not let in."""
+    """The page for the reason of this error."""
     if isinstance(error, EntryLinkError):
         return no_entry(request, slug, app, error)
     if isinstance(error, AlreadyTakenPartError):
@@ -40,6 +40,7 @@ def refused(
 def taken_part(
     request: Request, slug: str, app: AppContext, error: AlreadyTakenPartError
 ) -> Response:
+    """The page for a person who has already taken part."""
     plan = repository.find(app, slug).plan
     return render(
         request,
@@ -54,6 +55,7 @@ def taken_part(
 
 
 def no_entry(request: Request, slug: str, app: AppContext, error: EntryLinkError) -> Response:
+    """The page for a missing, used or expired personal link."""
     plan = repository.find(app, slug).plan
     return render(
         request,
@@ -68,6 +70,7 @@ def no_entry(request: Request, slug: str, app: AppContext, error: EntryLinkError
 
 
 def expired(request: Request, slug: str, app: AppContext) -> Response:
+    """The page for a session that was left for longer than the study allows."""
     response = render(
         request,
         slug,
@@ -79,6 +82,7 @@ def expired(request: Request, slug: str, app: AppContext) -> Response:
 
 
 def crowded(request: Request, slug: str, app: AppContext, error: TooManyBegunError) -> Response:
+    """The page for a study with too many recent starts, with the time to come back."""
     plan = repository.find(app, slug).plan
     seconds = seconds_until(app, error)
     response = render(
@@ -98,9 +102,9 @@ def crowded(request: Request, slug: str, app: AppContext, error: TooManyBegunErr
 def unknown_browser(
     request: Request, slug: str, app: AppContext, error: KnownPersonError, *, is_wrong: bool = False
 ) -> Response:
-    """Somebody of the link's id has begun: the ways to go on, if it was them.
+    """The page for a link whose person has begun in another browser, with the ways to continue.
 
-    is_wrong: whether a receipt code was typed that is none.
+    is_wrong: whether a receipt code was typed that belongs to no session.
     """
     return render(
         request,
@@ -115,7 +119,7 @@ def unknown_browser(
 
 
 def uncertain(request: Request, slug: str, app: AppContext) -> Response:
-    """The link names a person, and the browser has a session that began without a name."""
+    """The page for a link with ids in a browser whose session began without ids."""
     return render(
         request,
         slug,
@@ -127,7 +131,7 @@ def uncertain(request: Request, slug: str, app: AppContext) -> Response:
 
 
 def without_cookies(request: Request, slug: str, app: AppContext) -> Response | None:
-    """None if the browser keeps cookies; else its form is sent on once, and then told of it."""
+    """None if the browser keeps cookies; else one redirect of the form, then an explanation."""
     if session_cookies.are_kept(request, slug):
         return None
     return session_cookies.sent_on(request, app) or render(

@@ -1,7 +1,7 @@
-"""The cookies of an evaluator's browser: whether it keeps any, and how long it keeps a session's.
+"""Cookies of an evaluator's browser: a check that it keeps any, and the lifetime of the session's.
 
-A session begins only once the browser has brought back a cookie of ours: where cookies are blocked,
-each press would begin another one, and spend a place or a personal link.
+A session begins only once the browser has returned a cookie: where cookies are blocked, each press
+would begin another session and use up a place or a personal link.
 """
 
 from __future__ import annotations
@@ -21,31 +21,31 @@ from app.web.http.security import SESSION_COOKIE_SECONDS, session_cookie, set_co
 #: Shows that the browser keeps cookies, and binds to it the form that begins a session: a random
 #: value that is stored nowhere else and goes when the browser is closed.
 _KEEPS = "pbpo_keeps_cookies"
-#: In the address to which a form was sent on, with the cookie, to see whether it comes back.
+#: Parameter of the address to which a form was redirected with the cookie, to test its return.
 _SENT_ON = "cookie"
 #: For how long after the end the browser that came to it is shown the receipt, in seconds.
 _RECEIPT_SECONDS = 600
 
 
 def show_that_kept(request: Request, app: AppContext, response: Response) -> Response:
-    """Hand out the cookie that shows it, with a page whose form begins a session."""
+    """Set the test cookie on a page whose form begins a session."""
     if not is_secret(secret_of(request)):
         set_cookie(response, app, _KEEPS, new_secret())
     return response
 
 
 def secret_of(request: Request) -> str:
-    """The value by which the forms of this browser are told from those of others."""
+    """The random value that distinguishes this browser's forms from those of others."""
     return request.cookies.get(_KEEPS, "")
 
 
 def are_kept(request: Request, slug: str) -> bool:
-    """Whether the browser has brought a cookie of ours back."""
+    """Whether the browser has returned a cookie."""
     return _KEEPS in request.cookies or session_cookie(slug) in request.cookies
 
 
 def sent_on(request: Request, app: AppContext) -> Response | None:
-    """The form once more, with a cookie to be brought back; None if that was done already."""
+    """A redirect of the form with a test cookie; None if the form was already redirected."""
     if _SENT_ON in request.query_params:
         return None
     query = urlencode([*request.query_params.multi_items(), (_SENT_ON, "asked")])
@@ -54,7 +54,7 @@ def sent_on(request: Request, app: AppContext) -> Response | None:
 
 
 def way_in(request: Request, slug: str) -> str:
-    """The study's address with what the link said of the person."""
+    """The study's address with the parameters of the entry link."""
     query = urlencode([pair for pair in request.query_params.multi_items() if pair[0] != _SENT_ON])
     base = session_paths.base_of(request, slug)
     return f"{base}?{query}" if query else base
@@ -63,7 +63,7 @@ def way_in(request: Request, slug: str) -> str:
 def keep_session(
     response: Response, app: AppContext, slug: str, token: str, entry: str | None = None
 ) -> None:
-    """Have the browser keep its session, and by which personal link it began."""
+    """Set the session's cookie, and the one that records its personal link."""
     set_cookie(response, app, session_cookie(slug), token, max_age=SESSION_COOKIE_SECONDS)
     if entry is not None:
         name, value = _entry_cookie(slug), secret_hash(entry)
@@ -76,14 +76,14 @@ def began_by(request: Request, slug: str, entry: str) -> bool:
 
 
 def forget(response: Response, slug: str) -> Response:
-    """Have the browser forget its session of this study."""
+    """Delete the browser's cookies of this study's session."""
     for name in (session_cookie(slug), _entry_cookie(slug), _ended_cookie(slug)):
         response.delete_cookie(name)
     return response
 
 
 def has_ended(response: Response, app: AppContext, slug: str, token: str) -> None:
-    """Have the browser that came to the end keep the session for a day, and the receipt shown."""
+    """Keep the session's cookie for a day after the end, so that the receipt can be shown again."""
     _keep_for(response, app, slug, token, session_holder.KEPT_AFTER_END)
     set_cookie(response, app, _ended_cookie(slug), "1", max_age=_RECEIPT_SECONDS)
 
@@ -91,7 +91,7 @@ def has_ended(response: Response, app: AppContext, slug: str, token: str) -> Non
 def still_has_ended(
     request: Request, response: Response, app: AppContext, slug: str, token: str
 ) -> None:
-    """On a page of the end: the cookie's time is what is left of the day since then."""
+    """On a page of the end: set the cookie's lifetime to the rest of the day since then."""
     until = session_holder.kept_until(app, slug, token)
     if until is None:
         return
@@ -101,10 +101,10 @@ def still_has_ended(
 
 
 def shows_receipt(request: Request, slug: str, *, has_ended: bool) -> bool:
-    """Whether the page is one that the session's person has just pressed their way to.
+    """Whether this page may show the receipt: the session's person has just navigated to it.
 
-    Whoever comes by a link or types the address may be the next person at a shared computer. After
-    the end, a browser that does not say where it comes from is shown the receipt once.
+    A request by a link or a typed address may come from the next person at a shared computer. After
+    the end, a browser that sends no Referer is shown the receipt once.
     """
     from_elsewhere = request.headers.get("sec-fetch-site", "same-origin") != "same-origin"
     return not from_elsewhere and (not has_ended or _ended_cookie(slug) in request.cookies)

@@ -1,4 +1,4 @@
-"""What the pages of a session share: whose session a browser has, and how a page is rendered."""
+"""Shared by the pages of a session: the browser's session, and rendering."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ from app.web.http import languages, session_paths, translations
 from app.web.http.public_address import base_url
 from app.web.http.security import (
     POLICY,
+    app_context_of,
     content_security_policy,
     form_token,
     session_cookie,
-    studio_of,
 )
 from app.web.http.templating import page
 from app.web.http.translations import translatable
@@ -49,9 +49,9 @@ def render(
     status: int = 200,
     **context: Any,
 ) -> Response:
-    """A page of this study; `context` is what only this page is given.
+    """A page of this study; `context` has the values of this page only.
 
-    title: in English; without a state and a language in `context`, the reader's own is taken.
+    title: in English; without a state and a language in `context`, the reader's language is used.
     """
     study = state["study"] if state else {"title": None, "contact": None}
     query = request.url.query
@@ -59,7 +59,9 @@ def render(
     if state:
         language = state["language"]
     else:
-        language = context.get("language") or languages.of_reader(request, translations.spoken())
+        language = context.get("language") or languages.of_reader(
+            request, translations.available_locales()
+        )
     values = {
         "slug": session_paths.study_header(request, slug),
         "base": session_paths.base_of(request, slug),
@@ -78,7 +80,7 @@ def render(
     if values["study_title"] and state is None and template not in _GUARDED:
         with suppress(NotFoundError, SQLAlchemyError):
             # A page that says that the study is not open does not say what it is about.
-            if hidden_drafts.is_hidden(request, slug, studio_of(request)):
+            if hidden_drafts.is_hidden(request, slug, app_context_of(request)):
                 values |= {"study_title": None, "contact": None}
                 values["page_title"] = translations.translated(translatable("Not open"), language)
     response = page(request, template, values, status_code=status)
@@ -87,19 +89,19 @@ def render(
         # The one form that leaves our pages: to Mechanical Turk, which redirects within itself.
         hosts = [f"https://{host}" for host in MTURK_HOSTS]
         response.headers[POLICY] = content_security_policy(
-            studio_of(request).recordings.origin, form_action=(*hosts, *MTURK_FRAMES)
+            app_context_of(request).recordings.origin, form_action=(*hosts, *MTURK_FRAMES)
         )
     return response
 
 
 def _banner(request: Request, slug: str) -> dict[str, Any]:
-    """What the pages say above all else where the session does not count."""
+    """The banner on pages of sessions that do not count."""
     mode = session_paths.mode_of(request)
     if mode == session_modes.LIVE:
         return {"mode": mode}
     if mode != session_modes.PREVIEW:
         return {"mode": mode, "study_url": "", "csrf_token": "", "preview_languages": []}
-    plan = repository.find(studio_of(request), slug).plan
+    plan = repository.find(app_context_of(request), slug).plan
     return {
         "mode": mode,
         "study_url": f"/studies/{slug}",
@@ -109,7 +111,7 @@ def _banner(request: Request, slug: str) -> dict[str, Any]:
 
 
 def not_open(request: Request, slug: str, app: AppContext) -> Response | None:
-    """The page that a stranger gets instead of a draft's; None where the study may be seen."""
+    """The page that strangers get instead of a draft's; None where the study may be seen."""
     if not hidden_drafts.is_hidden(request, slug, app):
         return None
     return render(
@@ -124,7 +126,7 @@ def not_open(request: Request, slug: str, app: AppContext) -> Response | None:
 
 
 def about(request: Request, plan: Plan, language: str | None = None) -> dict[str, Any]:
-    """What a page says of a study without a session's state: in this language, or the reader's."""
+    """Template values of a study without a session: in this language, or the reader's."""
     chosen = language or languages.of_reader(request, plan.languages)
     return {
         "study_title": plan.text(plan.title, chosen),
@@ -136,35 +138,36 @@ def about(request: Request, plan: Plan, language: str | None = None) -> dict[str
 
 
 def do(request: Request, slug: str, action: Callable[[], State]) -> Response:
-    """Do it, and show the stage the session is in then: also if it was out of order."""
+    """Run the action, and redirect to the session's stage, also if the action was out of order."""
     response = to_stage(slug)
-    # A second click, another tab, the way back: the page of the stage says what is to be done.
+    # A second click, another tab, the back button: the page of the stage shows what to do.
     with suppress(ProtocolError, SignInRequiredError, SessionExpiredError):
         state = action()
         token = request.cookies.get(session_cookie(slug))
         is_live = session_paths.mode_of(request) == session_modes.LIVE
         if is_live and state["stage"] in ENDED and token is not None:
-            session_cookies.has_ended(response, studio_of(request), slug, token)
+            session_cookies.has_ended(response, app_context_of(request), slug, token)
     return response
 
 
 def _receipt(request: Request, slug: str, state: State | None) -> str | None:
-    """The receipt code, on a page that shows it to whom it belongs."""
+    """The receipt code, on pages that may show it."""
     token = request.cookies.get(session_cookie(slug))
     if state is None or token is None or state["stage"] not in _WITH_RECEIPT:
         return None
     has_ended = state["stage"] in ENDED
     if not session_cookies.shows_receipt(request, slug, has_ended=has_ended):
         return None
-    return receipts.receipt(studio_of(request), token)
+    return receipts.receipt(app_context_of(request), token)
 
 
 def to_stage(slug: str, query: str = "") -> Response:
-    """Back to the page of the stage; a newcomer's link keeps the `query` that says who they are."""
+    """Redirect to the page of the stage, keeping the `query` of a newcomer's link."""
     return RedirectResponse(f"/s/{slug}?{query}" if query else f"/s/{slug}", status_code=303)
 
 
 def token_of(request: Request, slug: str) -> str:
+    """The session token in the browser's cookie for this study. Raises SignInRequiredError."""
     token = request.cookies.get(session_cookie(slug))
     if token is None:
         raise SignInRequiredError("this browser has no session of this study")
@@ -172,6 +175,7 @@ def token_of(request: Request, slug: str) -> str:
 
 
 def is_known(app: AppContext, token: str) -> bool:
+    """Whether the token belongs to a session."""
     try:
         stages.current(app, token)
     except (SignInRequiredError, SessionExpiredError):

@@ -1,4 +1,4 @@
-"""The page of each stage of a session, and the forms of the stages that ask something."""
+"""The page of each stage of a session, and the forms of the stages that have one."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from app.services.sessions.queries import ClientEvent
 from app.services.sessions.responses import Answer
 from app.services.sessions.state_view import State
 from app.study.questionnaire import as_meant
-from app.web.http.concurrency import in_line
+from app.web.http.concurrency import limited_write
 from app.web.http.security import AppDep
 from app.web.http.translations import translatable
 
@@ -46,14 +46,14 @@ TITLES = {
 
 
 @router.post("/screen-out")
-@in_line
+@limited_write
 def screen_out(slug: str, request: Request, app: AppDep) -> Response:
-    """Leave the device check for good."""
+    """End the session at the device check."""
     return do(request, slug, lambda: stages.screen_out(app, token_of(request, slug)))
 
 
 @router.post("/respond")
-@in_line
+@limited_write
 def respond(
     slug: str,
     request: Request,
@@ -63,7 +63,7 @@ def respond(
     rt_ms: Annotated[float | None, Form(ge=0, le=1e9, allow_inf_nan=False)] = None,
     skip_reason: Annotated[str | None, Form(max_length=60)] = None,
 ) -> Response:
-    """Answer the open query by the page's form: what a page sends whose scripts have failed."""
+    """Answer the open query by a form, which the page sends when its scripts have failed."""
     by_form = ClientEvent("sent_by_form", None, rt_ms or 0.0, None)
     answer = Answer(query_id, response, rt_ms, skip_reason, (by_form,))
     # An answer to a pair that has one, or was replaced: the page of the open pair follows.
@@ -73,20 +73,20 @@ def respond(
 
 
 async def form_fields(request: Request) -> dict[str, str]:
-    """The fields of a form whose names only the study knows."""
+    """The fields of a form whose names depend on the study."""
     form = await request.form()
     return {name: value for name, value in form.items() if isinstance(value, str)}
 
 
 @router.post("/questionnaire")
-@in_line
+@limited_write
 def questionnaire(
     slug: str,
     request: Request,
     app: AppDep,
     answers: Annotated[dict[str, str], Depends(form_fields)],
 ) -> Response:
-    """Answer; what cannot be taken is shown beside what was asked, with all that was given."""
+    """Submit the answers; refused ones are shown beside their questions with what was entered."""
     meant = {
         name: as_meant(typed, answers.get(f"{name}{MEANT}"))
         for name, typed in answers.items()

@@ -1,4 +1,4 @@
-"""My account: password, browsers that are signed in, and tokens for programs."""
+"""The account page: password, signed-in browsers, and API tokens."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from app.services.context import AppContext
 from app.services.runtime.errors import ConflictError, ForbiddenError, TooManyTriesError
 from app.web.http.security import AppDep
 
-from .page_context import AtBrowser, OwnForm, desk_page
+from .page_context import AtBrowser, OwnForm, experimenter_page
 from .sign_in_pages import too_many_tries
 
 router = APIRouter(prefix="/account", include_in_schema=False)
@@ -23,6 +23,7 @@ Password = Annotated[str, Form(max_length=1000)]
 
 @router.get("")
 def account_page(request: Request, app: AppDep, caller: AtBrowser, changed: str = "") -> Response:
+    """The account page."""
     return _page(request, app, caller, password_changed=changed == "password")
 
 
@@ -35,6 +36,7 @@ def change_password(
     new: Password,
     again: Password,
 ) -> Response:
+    """Change the caller's password."""
     if new != again:
         fault = "The two new passwords are not the same."
         return _page(request, app, caller, 409, password_fault=fault)
@@ -50,12 +52,14 @@ def change_password(
 
 @router.post("/sign-ins/end-others", dependencies=[OwnForm])
 def end_other_sign_ins(app: AppDep, caller: AtBrowser) -> Response:
+    """End the caller's sign-ins in other browsers."""
     own_account.end_sign_ins(app, caller)
     return _back("sign-ins")
 
 
 @router.post("/sign-ins/{sign_in_id}/end", dependencies=[OwnForm])
 def end_sign_in(sign_in_id: int, app: AppDep, caller: AtBrowser) -> Response:
+    """End one of the caller's sign-ins."""
     own_account.end_sign_ins(app, caller, sign_in_id)
     return _back("sign-ins")
 
@@ -69,7 +73,7 @@ def make_token(
     scope: Annotated[Scope, Form()],
     days: Annotated[int, Form()],
 ) -> Response:
-    """Make a token, and show it this once."""
+    """Create an API token; this response is the only one that shows it."""
     try:
         token = own_account.make_api_token(app, caller, label, scope, days)
     except ConflictError as error:
@@ -79,6 +83,7 @@ def make_token(
 
 @router.post("/tokens/{token_id}/revoke", dependencies=[OwnForm])
 def revoke_token(token_id: int, app: AppDep, caller: AtBrowser) -> Response:
+    """Revoke one of the caller's API tokens."""
     own_account.revoke_api_token(app, caller, token_id)
     return _back("tokens")
 
@@ -98,7 +103,7 @@ def _page(
     token: str | None = None,
     token_fault: str | None = None,
 ) -> Response:
-    return desk_page(
+    return experimenter_page(
         request,
         caller,
         "experimenter/account.html",

@@ -1,4 +1,4 @@
-"""The audit trail, to be read: of everything, and of one study."""
+"""Pages of the audit log: all of it, and that of one study."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from app.services.accounts import audit_log
 from app.services.context import AppContext
 from app.web.http.security import AppDep
 
-from .page_context import Admin, DataOf, SignedIn, desk_page
+from .page_context import Admin, DataOf, SignedIn, experimenter_page
 from .study_frame import study_page
 
 router = APIRouter(include_in_schema=False)
@@ -21,8 +21,8 @@ LINES = 100
 
 @router.get("/activity")
 def activity(request: Request, app: AppDep, caller: Admin, before: int | None = None) -> Response:
-    """All that was done, the newest first."""
-    return desk_page(
+    """All entries, newest first."""
+    return experimenter_page(
         request, caller, "experimenter/activity.html", "Activity", **_lines(app, None, before)
     )
 
@@ -35,7 +35,7 @@ def study_activity(
     caller: SignedIn,
     before: int | None = None,
 ) -> Response:
-    """What was done with one study."""
+    """The entries of one study."""
     return study_page(request, app, caller, study, "activity", **_lines(app, study.slug, before))
 
 
@@ -58,7 +58,7 @@ def _lines(app: AppContext, slug: str | None, before: int | None) -> dict[str, A
 
 
 def _said(told: Any) -> str:
-    """A detail for people: lists with commas between, mappings as pairs."""
+    """A detail as text: lists with commas, mappings as pairs."""
     if isinstance(told, list):
         return ", ".join(map(_said, told))
     if isinstance(told, dict):

@@ -1,4 +1,4 @@
-"""The admins' page of accounts: who has one, inviting, resetting, disabling, roles."""
+"""The admins' page of accounts: list, invitations, resets, disabling, roles."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from app.services.runtime.errors import ConflictError, NotFoundError
 from app.web.http.public_address import base_url
 from app.web.http.security import AppDep
 
-from .page_context import Admin, OwnForm, desk_page
+from .page_context import Admin, OwnForm, experimenter_page
 
 router = APIRouter(prefix="/accounts", include_in_schema=False)
 
@@ -23,6 +23,7 @@ Email = Annotated[str, Form(max_length=LONGEST_ADDRESS)]
 
 @router.get("")
 def accounts_page(request: Request, app: AppDep, caller: Admin) -> Response:
+    """The list of accounts and open invitations."""
     return _page(request, app, caller)
 
 
@@ -30,7 +31,7 @@ def accounts_page(request: Request, app: AppDep, caller: Admin) -> Response:
 def invite(
     request: Request, app: AppDep, caller: Admin, email: Email, role: Annotated[Role, Form()]
 ) -> Response:
-    """Make a link for somebody new, and show it this once."""
+    """Create an invitation link; this response is the only one that shows it."""
     try:
         path = invitations.invite(app, email, role, caller.email)
     except ConflictError as error:
@@ -40,7 +41,7 @@ def invite(
 
 @router.post("/reset", dependencies=[OwnForm])
 def reset(request: Request, app: AppDep, caller: Admin, email: Email) -> Response:
-    """Make a link with which somebody chooses another password, and show it this once."""
+    """Create a link to set a new password; this response is the only one that shows it."""
     try:
         path = invitations.reset(app, email, caller.email)
     except (ConflictError, NotFoundError) as error:
@@ -52,6 +53,7 @@ def reset(request: Request, app: AppDep, caller: Admin, email: Email) -> Respons
 def change_role(
     request: Request, app: AppDep, caller: Admin, email: Email, role: Annotated[Role, Form()]
 ) -> Response:
+    """Change the role of an account."""
     try:
         administration.change_role(app, email, role, caller.email)
     except (ConflictError, NotFoundError) as error:
@@ -61,6 +63,7 @@ def change_role(
 
 @router.post("/disable", dependencies=[OwnForm])
 def disable(request: Request, app: AppDep, caller: Admin, email: Email) -> Response:
+    """Disable an account."""
     try:
         administration.disable(app, email, caller.email)
     except (ConflictError, NotFoundError) as error:
@@ -70,6 +73,7 @@ def disable(request: Request, app: AppDep, caller: Admin, email: Email) -> Respo
 
 @router.post("/enable", dependencies=[OwnForm])
 def enable(request: Request, app: AppDep, caller: Admin, email: Email) -> Response:
+    """Enable an account."""
     try:
         administration.enable(app, email, caller.email)
     except NotFoundError as error:
@@ -79,6 +83,7 @@ def enable(request: Request, app: AppDep, caller: Admin, email: Email) -> Respon
 
 @router.post("/invitations/{invitation_id}/take-back", dependencies=[OwnForm])
 def take_back(invitation_id: int, app: AppDep, caller: Admin) -> Response:
+    """Revoke an invitation."""
     invitations.revoke(app, invitation_id, caller.email)
     return _back()
 
@@ -98,7 +103,7 @@ def _page(
     for_whom: str = "",
 ) -> Response:
     base = base_url(request)
-    return desk_page(
+    return experimenter_page(
         request,
         caller,
         "experimenter/accounts.html",

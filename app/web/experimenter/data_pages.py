@@ -1,4 +1,4 @@
-"""The page of a study's data: choose what, download it, and see who has had what."""
+"""The page of a study's data: selection, download, and the list of earlier exports."""
 
 from __future__ import annotations
 
@@ -35,6 +35,7 @@ LISTED = 50
 
 @router.get("/studies/{slug}/data")
 def data(study: DataOf, request: Request, app: AppDep, caller: SignedIn) -> Response:
+    """The form of exports, and the latest exports."""
     return _page(request, app, caller, study)
 
 
@@ -47,7 +48,7 @@ def download(
     asked: FilterDep,
     form: Annotated[FormatName, Query(alias="format")] = "csv",
 ) -> Response:
-    """What the page's form asks for."""
+    """The export selected in the form."""
     try:
         return zip_response(app, caller, asked.of(app, study), form)
     except ConflictError as error:
@@ -63,7 +64,7 @@ def report(
     asked: FilterDep,
     form: ReportForm,
 ) -> Response:
-    """The report on what the page's form asks for."""
+    """The report on the data selected in the form."""
     try:
         return report_response(app, caller, asked.of(app, study), form)
     except ConflictError as error:

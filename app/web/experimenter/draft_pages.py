@@ -1,4 +1,4 @@
-"""Making a study in the browser: what it is begun from, what is wrong with it, and its texts."""
+"""Creating a study in the browser: its start, its faults, its files and texts."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from app.study.text_diff import difference, mark_of
 from app.study.validation_errors import StudyFaults
 from app.web.http.security import AppDep
 
-from .page_context import OwnForm, SignedIn, desk_page
+from .page_context import OwnForm, SignedIn, experimenter_page
 from .upload_forms import MOST_FILES, drain, sent_files, sent_form, text_in
 
 router = APIRouter(include_in_schema=False)
@@ -39,11 +39,13 @@ _REFUSED = 422
 
 @router.get("/studies/new")
 def new_study(request: Request, app: AppDep, caller: SignedIn) -> Response:
+    """The form to begin a study."""
     return _new(request, app, caller)
 
 
 @router.post("/drafts")
 async def begin(request: Request, app: AppDep, caller: SignedIn) -> Response:
+    """Begin a draft from the form and its files."""
     if not access.may_make_studies(caller):
         await drain(request)
         raise _no_maker(caller)
@@ -65,11 +67,13 @@ async def begin(request: Request, app: AppDep, caller: SignedIn) -> Response:
 
 @router.get("/drafts/{public_id}")
 def look(public_id: str, request: Request, app: AppDep, caller: SignedIn) -> Response:
+    """The page of a draft: its files and faults."""
     return _draft_page(request, caller, drafts.find(app, caller, public_id), app)
 
 
 @router.post("/drafts/{public_id}/files")
 async def add(public_id: str, request: Request, app: AppDep, caller: SignedIn) -> Response:
+    """Add files to a draft."""
     try:
         draft = await run_in_threadpool(drafts.find, app, caller, public_id)
     except NotFoundError:
@@ -92,6 +96,7 @@ async def add(public_id: str, request: Request, app: AppDep, caller: SignedIn) -
 
 @router.post("/drafts/{public_id}/remove", dependencies=[OwnForm])
 def remove(public_id: str, app: AppDep, caller: SignedIn, file: Annotated[str, Form()]) -> Response:
+    """Remove a file from a draft."""
     draft = drafts.find(app, caller, public_id)
     drafts.remove(app, draft, file)
     return _to(draft)
@@ -99,6 +104,7 @@ def remove(public_id: str, app: AppDep, caller: SignedIn, file: Annotated[str, F
 
 @router.get("/drafts/{public_id}/text")
 def text(public_id: str, request: Request, app: AppDep, caller: SignedIn, file: str) -> Response:
+    """The form to edit a text file of a draft."""
     draft = drafts.find(app, caller, public_id)
     return _text_page(request, app, caller, draft, file)
 
@@ -113,6 +119,7 @@ def write(
     text: Annotated[str, Form()] = "",
     base: Annotated[str | None, Form(max_length=100)] = None,
 ) -> Response:
+    """Store an edited text file."""
     draft = drafts.find(app, caller, public_id)
     try:
         drafts.write_text(app, draft, file, text, base)
@@ -123,6 +130,7 @@ def write(
 
 @router.post("/drafts/{public_id}/create", dependencies=[OwnForm])
 def create(public_id: str, request: Request, app: AppDep, caller: SignedIn) -> Response:
+    """Create the study from a draft without faults."""
     draft = drafts.find(app, caller, public_id)
     try:
         info = drafts.create_study(app, caller, draft)
@@ -136,6 +144,7 @@ def create(public_id: str, request: Request, app: AppDep, caller: SignedIn) -> R
 
 @router.post("/drafts/{public_id}/transcode", dependencies=[OwnForm])
 def transcode(public_id: str, app: AppDep, caller: SignedIn) -> Response:
+    """Start a job that transcodes the videos some browsers cannot play."""
     draft = drafts.find(app, caller, public_id)
     drafts.transcode(app, caller, draft)
     return _to(draft)
@@ -143,6 +152,7 @@ def transcode(public_id: str, app: AppDep, caller: SignedIn) -> Response:
 
 @router.post("/drafts/{public_id}/discard", dependencies=[OwnForm])
 def discard(public_id: str, app: AppDep, caller: SignedIn) -> Response:
+    """Delete a draft."""
     drafts.discard(app, drafts.find(app, caller, public_id, whole=False))
     return RedirectResponse("/studies", status_code=303)
 
@@ -155,9 +165,9 @@ def _text_page(
     file: str,
     typed: str | None = None,
 ) -> Response:
-    """A text to be changed. typed: words that were refused, since it was changed meanwhile."""
+    """The form to edit a text. typed: refused input, if the text was changed by another request."""
     stored = drafts.text_of(draft, file)
-    return desk_page(
+    return experimenter_page(
         request,
         caller,
         "experimenter/draft_text.html",
@@ -177,7 +187,7 @@ def _to(draft: Draft) -> Response:
 
 
 def _coming(request: Request) -> int:
-    """Bytes that the browser says it sends: once on the disk while they come, once in the draft."""
+    """Disk space that a form needs, in bytes: files exist twice, as received and in the draft."""
     said = request.headers.get("content-length", "")
     return 2 * int(said) if said.isdecimal() and len(said) < 16 else 0
 
@@ -191,7 +201,7 @@ def _new(
 ) -> Response:
     if not access.may_make_studies(caller):
         raise _no_maker(caller)
-    return desk_page(
+    return experimenter_page(
         request,
         caller,
         "experimenter/new_study.html",
@@ -227,7 +237,7 @@ def _draft_page(
             "queries": plan.shown_per_trial,
             "recordings": len(checked.study.recordings),
         }
-    return desk_page(
+    return experimenter_page(
         request,
         caller,
         "experimenter/draft.html",

@@ -1,4 +1,4 @@
-"""The form for a study's common settings, which writes the same `study.yaml` as one's own hand."""
+"""The form for common settings of a study; it edits the same `study.yaml` as the text editor."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from app.study.yaml_edit import UneditableError
 from app.study.yaml_source import YamlSyntaxError
 from app.web.http.security import AppDep
 
-from .page_context import OwnForm, SignedIn, desk_page
+from .page_context import OwnForm, SignedIn, experimenter_page
 
 router = APIRouter(include_in_schema=False)
 
@@ -33,6 +33,7 @@ _FURTHER = 2
 
 @router.get("/drafts/{public_id}/settings")
 def settings(public_id: str, request: Request, app: AppDep, caller: SignedIn) -> Response:
+    """The form with the settings of a draft's `study.yaml`."""
     return _page(request, app, caller, drafts.find(app, caller, public_id))
 
 
@@ -43,7 +44,7 @@ def _page(
     draft: Draft,
     typed: Mapping[str, str] | None = None,
 ) -> Response:
-    """The form. typed: fields that were refused, since the file was changed meanwhile."""
+    """The form. typed: refused fields, if the file was changed by another request."""
     text = drafts.text_of(draft, STUDY_FILE)
     try:
         stored = plan_form.fields(text)
@@ -52,7 +53,7 @@ def _page(
         raise _by_hand(error) from None
     values = {**stored, **(typed or {})}
     there = sum(name.startswith("name:") for name in values)
-    return desk_page(
+    return experimenter_page(
         request,
         caller,
         "experimenter/draft_settings.html",
@@ -79,6 +80,7 @@ def _page(
 
 @router.post("/drafts/{public_id}/settings", dependencies=[OwnForm])
 async def save(public_id: str, request: Request, app: AppDep, caller: SignedIn) -> Response:
+    """Write the form's settings into the draft's `study.yaml`."""
     form = await request.form()
     given = {
         name: value

@@ -1,4 +1,4 @@
-"""What an ethics board asks for: on a page, and as one zip."""
+"""The documents for an ethics board: a page, and one zip."""
 
 from __future__ import annotations
 
@@ -23,6 +23,7 @@ router = APIRouter(prefix="/studies/{slug}", include_in_schema=False)
 
 @router.get("/ethics")
 def ethics(study: DesignOf, request: Request, app: AppDep, caller: SignedIn) -> Response:
+    """The page with the stored data, the texts and the latest bundle."""
     found = data_inventory.fields(study.plan)
     return study_page(
         request,
@@ -47,7 +48,7 @@ def ethics(study: DesignOf, request: Request, app: AppDep, caller: SignedIn) -> 
 
 @router.post("/ethics/bundle", dependencies=[OwnForm])
 def make(study: DesignOf, request: Request, app: AppDep, caller: SignedIn) -> Response:
-    """Ask for everything as one zip: texts, screens, stored fields, versions, plan."""
+    """Start the job that makes the zip: texts, screens, stored fields, versions, plan."""
     pages = {
         f"{language}/{name}": html
         for language in study.plan.languages
@@ -59,7 +60,7 @@ def make(study: DesignOf, request: Request, app: AppDep, caller: SignedIn) -> Re
 
 @router.get("/ethics.zip")
 def ethics_bundle(study: DesignOf, app: AppDep) -> Response:
-    """The bundle that was made last."""
+    """The latest bundle."""
     made = bundle.made(app, study)
     if made is None:
         raise NotFoundError("no ethics bundle of this study has been made yet")

@@ -1,4 +1,4 @@
-"""A finding as an answer: for the page as JSON, for a reader as PNG, SVG or the CSV behind it."""
+"""A result's figure as a response: JSON for the page, or PNG, SVG or CSV files."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ _MEDIA_TYPES: Final = {
 def figure(
     name: str, found: Result, study: StudyInfo, form: Form, theme: Theme, file: str
 ) -> Response:
-    """The finding in this form; `file` is what it is called where it is saved.
+    """The figure in this format; `file` is the name under which it is saved.
 
-    Drawing takes up to some seconds: not for the event loop. Raises NotFoundError for a picture of
-    nothing.
+    Rendering takes up to some seconds: call it in a thread. Raises NotFoundError if the figure
+    has no data.
     """
     headers = {"Cache-Control": "no-store"}
     if form != "json":
@@ -45,7 +45,7 @@ def _content(name: str, found: Result, study: StudyInfo, form: Form, theme: Them
         return f'{told[:-1]}, "chart": {chart}}}'
     if not found.rows:
         raise NotFoundError(f"there is nothing to draw yet: {found.says}")
-    # Charts take more than a second to load, which no server needs that nobody asks for one.
+    # Imported here: loading the chart libraries takes more than a second.
     from app.figures import png, svg  # noqa: PLC0415
     from app.services.results.charts import draw  # noqa: PLC0415
 
@@ -58,7 +58,7 @@ def _drawn(name: str, found: Result, study: StudyInfo, theme: Theme) -> str:
     from app.services.results.charts import draw  # noqa: PLC0415
 
     chart = draw(name, found, study).to_dict()
-    # The page's own ground shows through; a file has its paper.
+    # On a page the background is transparent; a file has its own.
     chart["config"]["background"] = None
     text = json.dumps(chart)
     return in_the_dark(text) if theme == "dark" else text

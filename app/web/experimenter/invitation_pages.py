@@ -1,4 +1,4 @@
-"""Where somebody who was given a link chooses their password."""
+"""Pages of invitation and reset links, on which a person sets a password."""
 
 from __future__ import annotations
 
@@ -21,6 +21,7 @@ router = APIRouter(prefix="/invitations/{token}", include_in_schema=False)
 
 @router.get("")
 def choose_password_page(token: str, request: Request, app: AppDep) -> Response:
+    """The form to set a password."""
     return _page(request, app, token)
 
 
@@ -32,6 +33,7 @@ def choose_password(
     password: Annotated[str, Form(max_length=1000)],
     again: Annotated[str, Form(max_length=1000)],
 ) -> Response:
+    """Set the password; the link is used up."""
     if password != again:
         return _page(request, app, token, fault="The two passwords are not the same.")
     try:

@@ -1,4 +1,4 @@
-"""How far a job is, for the page that shows it."""
+"""Progress of a job as JSON, for pages."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ router = APIRouter(include_in_schema=False)
 
 @router.get("/jobs/{public_id}")
 def look(public_id: str, app: AppDep, caller: SignedIn) -> dict[str, Any]:
+    """The status and progress of a job."""
     info = jobs.status(app, caller, public_id)
     return {
         "state": info.state,

@@ -1,7 +1,7 @@
-"""Browsers in which an account has signed in before, known by a cookie that the server signed.
+"""Browsers in which an account has signed in before, recognised by a signed cookie.
 
-The cookie lets nobody in. It says that wrong passwords from elsewhere are no reason to keep this
-browser waiting. It holds for one account; its name and value tell nothing of the address.
+The cookie authenticates no one. It exempts this browser from the delays that wrong passwords from
+elsewhere cause. It is valid for one account; its name and value do not reveal the address.
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ _IPV4_PREFIX, _IPV6_PREFIX = 24, 48
 
 
 def came_from(request: Request, app: AppContext, email: str) -> CameFrom:
-    """From which network this request comes, and whether this account signed in here before."""
+    """The network of this request, and whether this browser is known for this account."""
     host = request.client.host if request.client is not None else ""
     return CameFrom(network_of(host), _device(request, app, email))
 
 
 def network_of(host: str) -> str:
-    """The network of an address; a name is its own."""
+    """The network of an IP address; any other name is returned as it is."""
     try:
         address = ip_address(host)
     except ValueError:
@@ -43,7 +43,7 @@ def network_of(host: str) -> str:
 
 
 def remember(request: Request, response: Response, app: AppContext, email: str) -> None:
-    """Know this browser again when somebody signs in to this account."""
+    """Set the cookie that recognises this browser for this account."""
     device = _device(request, app, email) or secrets.token_urlsafe(12)
     value = f"{device}.{_signed(app, email, device)}"
     set_cookie(response, app, _name(app, email), value, max_age=_LASTS_S)

@@ -1,4 +1,4 @@
-"""What is done with a study: tried out, opened, paused, closed, revised, copied, deleted."""
+"""Managing a study: preview, open, pause, close, revise, copy, delete."""
 
 from __future__ import annotations
 
@@ -28,14 +28,15 @@ router = APIRouter(include_in_schema=False)
 
 @router.get("/studies/{slug}/manage")
 def manage(study: ChangeOf, request: Request, app: AppDep, caller: SignedIn) -> Response:
+    """The page of these actions."""
     return _manage(request, app, caller, study)
 
 
 @router.post("/studies/{slug}/preview", dependencies=[OwnForm])
 def preview(study: ChangeOf, language: Annotated[str, Form(max_length=12)] = "") -> Response:
-    """Go through the study as a newcomer would, from its first page on, in this language.
+    """Begin a preview session in this language, from the first page.
 
-    Its data is marked, and left out of results.
+    Its data is marked as preview and left out of results.
     """
     query = f"?{languages.PARAMETER}={language}" if language in study.plan.languages else ""
     address = f"{session_paths.PREFIXES[session_modes.PREVIEW]}/s/{study.slug}{query}"
@@ -46,24 +47,28 @@ def preview(study: ChangeOf, language: Annotated[str, Form(max_length=12)] = "")
 
 @router.post("/studies/{slug}/open", dependencies=[OwnForm])
 def open_study(study: ChangeOf, app: AppDep, caller: SignedIn) -> Response:
+    """Open the study."""
     repository.open_study(app, study.slug, caller.email)
     return _to(study, "/manage")
 
 
 @router.post("/studies/{slug}/close", dependencies=[OwnForm])
 def close_study(study: ChangeOf, app: AppDep, caller: SignedIn) -> Response:
+    """Close the study."""
     repository.close_study(app, study.slug, caller.email)
     return _to(study, "/manage")
 
 
 @router.post("/studies/{slug}/pause", dependencies=[OwnForm])
 def pause(study: ChangeOf, app: AppDep, caller: SignedIn) -> Response:
+    """Pause the study."""
     lifecycle.pause(app, study.slug, caller.email)
     return _to(study, "/manage")
 
 
 @router.post("/studies/{slug}/resume", dependencies=[OwnForm])
 def resume(study: ChangeOf, app: AppDep, caller: SignedIn) -> Response:
+    """Resume the study."""
     lifecycle.resume(app, study.slug, caller.email)
     return _to(study, "/manage")
 
@@ -76,7 +81,7 @@ def clone(
     caller: SignedIn,
     new_slug: Annotated[str, Form(max_length=100)] = "",
 ) -> Response:
-    """A copy to be changed. Without another slug it is meant to take this draft's place."""
+    """Create a draft from a copy. Without another slug it is meant to replace this draft."""
     try:
         draft = drafts.clone(app, caller, study, new_slug or study.slug)
     except ConflictError as error:
@@ -92,6 +97,7 @@ def delete(
     caller: SignedIn,
     typed: Annotated[str, Form(max_length=100)] = "",
 ) -> Response:
+    """Delete the study."""
     try:
         lifecycle.delete(app, study.slug, caller.email, typed=typed.strip())
     except ConflictError as error:
@@ -109,6 +115,7 @@ def simulate(
     evaluator: Annotated[Literal["certain", "uncertain"], Form()],
     seed: Annotated[int, Form(ge=0, le=2**31 - 1)] = 0,
 ) -> Response:
+    """Start a job that runs simulated sessions."""
     try:
         simulation_results.simulate(app, caller, study, sessions, evaluator, seed)
     except ConflictError as error:
@@ -118,6 +125,7 @@ def simulate(
 
 @router.get("/studies/{slug}/texts")
 def texts(study: ChangeOf, request: Request, app: AppDep, caller: SignedIn) -> Response:
+    """The form to revise the study's texts."""
     return study_page(
         request,
         app,
@@ -133,6 +141,7 @@ def texts(study: ChangeOf, request: Request, app: AppDep, caller: SignedIn) -> R
 
 @router.post("/studies/{slug}/texts", dependencies=[OwnForm])
 async def revise(study: ChangeOf, request: Request, app: AppDep, caller: SignedIn) -> Response:
+    """Store revised texts as a new version."""
     form = await request.form()
     given = {
         language: {name: str(form.get(f"{language}/{name}", "")) for name in named}
@@ -179,9 +188,9 @@ def _revised_meanwhile(
     given: dict[str, dict[str, str]],
     base: str,
 ) -> Response:
-    """What was typed beside what is stored by now, to be saved again over it.
+    """The submitted texts beside the stored ones, to be saved again over them.
 
-    A text that was not touched since the page was opened is shown as it is stored.
+    A text that was not edited since the page was opened is shown as it is stored.
     """
     now = repository.find(app, study.slug)
     opened = revision.texts_of(app, now, base) or {}

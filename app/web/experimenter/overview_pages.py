@@ -1,4 +1,4 @@
-"""The page of one study: how it stands, live."""
+"""The overview page of a study, updated live."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ from .study_frame import study_page
 
 router = APIRouter(include_in_schema=False)
 
-#: When a page that found too many others open may ask again.
+#: When a page refused for too many open streams may try again.
 _COME_BACK = timedelta(seconds=10)
 
 MODES = (*session_modes.ALL, "all")
 
 
 def mode_of(mode: str) -> str:
-    """The mode that was asked for; live where it is none."""
+    """The requested mode; live if it is unknown."""
     return mode if mode in MODES else "live"
 
 
@@ -43,6 +43,7 @@ def mode_of(mode: str) -> str:
 def overview(
     study: DesignOf, request: Request, app: AppDep, caller: SignedIn, mode: str = "live"
 ) -> Response:
+    """The overview page."""
     if Right.DATA not in access.rights(app, caller, study.slug):
         return RedirectResponse(f"/studies/{study.slug}/plan", status_code=303)
     mode = mode_of(mode)
@@ -75,7 +76,7 @@ def overview(
 
 @router.get("/studies/{slug}/live")
 def live(study: DataOf, request: Request, app: AppDep, mode: str = "live") -> HTMLResponse:
-    """The part of the page that changes, for a page that is open already."""
+    """The part of the page that changes, for a page that is already open."""
     shown = {"study": {"slug": study.slug}, **_shown(app, study, mode_of(mode))}
     return page(request, "experimenter/_watching.html", shown)
 
@@ -90,14 +91,14 @@ async def events(
     known: str | None = None,
     last_event_id: Annotated[str | None, Header()] = None,
 ) -> StreamingResponse:
-    """An event whenever something of the page has changed since the stamp that it knows."""
+    """An event stream with an event whenever the page's data has changed since its change token."""
     modes = watching.modes_of(mode_of(mode))
     stopping: Callable[[], bool] = request.app.state.stopping
     streams: Streams = request.app.state.streams
     ended = streams.opened(caller.account_id, app.now() + _COME_BACK)
 
     def now() -> str | None:
-        # Signed out, disabled or kept out since: nothing more is told.
+        # Signed out, disabled or without access by now: the stream ends.
         asking = signed_in_now(request)
         if asking is None or not access.may(app, asking, study.slug, Right.DATA):
             return None

@@ -1,4 +1,4 @@
-"""What the experimenters' pages share: who is signed in, what they may, forms, and the frame."""
+"""Dependencies of experimenters' pages: sign-in, rights, form tokens, and the layout."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from app.web.http.templating import page
 
 
 class ToSignIn(Exception):  # noqa: N818 - not a fault: a way to go
-    """A page was asked for by somebody who is not signed in."""
+    """Raised for a page that requires a sign-in, when the caller is not signed in."""
 
     def __init__(self, path: str) -> None:
         super().__init__(path)
@@ -26,13 +26,14 @@ class ToSignIn(Exception):  # noqa: N818 - not a fault: a way to go
 
 
 def signed_in(request: Request, caller: MaybeExperimenterDep) -> Principal:
+    """The signed-in caller. Raises ToSignIn."""
     if caller is None:
         raise ToSignIn(request.url.path)
     return caller
 
 
 def from_own_form(request: Request, csrf_token: Annotated[str, Form()]) -> None:
-    """Raises ForbiddenError unless the form came from our own page."""
+    """Raises ForbiddenError unless the form has this browser's form token."""
     check_form_token(request, csrf_token)
 
 
@@ -49,9 +50,9 @@ SignedIn = Annotated[Principal, Depends(signed_in)]
 
 
 def at_the_browser(caller: SignedIn) -> Principal:
-    """Who is signed in in a browser. Raises ForbiddenError for programs.
+    """The caller signed in in a browser. Raises ForbiddenError for API tokens.
 
-    A token that could make tokens, or give accounts roles, would outlive its being revoked.
+    A token that could create tokens or change roles would remain effective after its revocation.
     """
     if caller.sign_in_id is None:
         raise ForbiddenError("expected somebody who is signed in, and an API token cannot do this")
@@ -62,7 +63,7 @@ AtBrowser = Annotated[Principal, Depends(at_the_browser)]
 
 
 def admin(caller: AtBrowser) -> Principal:
-    """An admin at the browser. Raises ForbiddenError for everybody else."""
+    """An admin signed in in a browser. Raises ForbiddenError for all others."""
     if caller.role is not Role.ADMIN:
         raise ForbiddenError(f"expected an admin, and {caller.email} is none")
     return caller
@@ -74,7 +75,7 @@ Admin = Annotated[Principal, Depends(admin)]
 def from_signed_in_form(
     _caller: SignedIn, request: Request, csrf_token: Annotated[str, Form()]
 ) -> None:
-    """The same of somebody who is signed in; who is not is sent to sign in first."""
+    """As `from_own_form`, for signed-in callers; others are redirected to sign in first."""
     check_form_token(request, csrf_token)
 
 
@@ -88,7 +89,7 @@ ChangeOf = Annotated[StudyInfo, of_study(Right.CHANGE)]
 OwnerOf = Annotated[StudyInfo, of_study(Right.OWN)]
 
 
-def desk_page(
+def experimenter_page(
     request: Request,
     caller: Principal,
     template: str,
@@ -96,7 +97,7 @@ def desk_page(
     status_code: int = 200,
     **context: Any,
 ) -> Response:
-    """A page within the experimenters' frame."""
+    """A page within the layout of experimenters' pages."""
     values = {
         "page_title": title,
         "email": caller.email,

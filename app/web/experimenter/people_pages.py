@@ -1,4 +1,4 @@
-"""The people of a study: those who run it, and having deleted what somebody gave."""
+"""The people of a study: its members, and deletion of participants' data."""
 
 from __future__ import annotations
 
@@ -28,6 +28,7 @@ SHOWN = 50
 def people(
     study: DataOf, request: Request, app: AppDep, caller: SignedIn, deleted: str = ""
 ) -> Response:
+    """The page of members and recent sessions."""
     return _page(request, app, caller, study, was_deleted=bool(deleted))
 
 
@@ -39,7 +40,7 @@ def share(
     caller: SignedIn,
     email: Annotated[str, Form(max_length=LONGEST_ADDRESS)],
 ) -> Response:
-    """Share the study with somebody who has an account."""
+    """Give an account access to the study."""
     try:
         sharing.share(app, study.slug, email, caller.email)
     except (ConflictError, NotFoundError) as error:
@@ -51,6 +52,7 @@ def share(
 def unshare(
     study: OwnerOf, app: AppDep, caller: SignedIn, account_id: Annotated[int, Form()]
 ) -> Response:
+    """Remove an account's access to the study."""
     sharing.stop_sharing(app, study.slug, account_id, caller.email)
     return _back(study)
 
@@ -63,7 +65,7 @@ def delete_by_receipt(
     caller: SignedIn,
     receipt: Annotated[str, Form(max_length=100)],
 ) -> Response:
-    """Delete for somebody who sent their receipt code; the code itself says who it is."""
+    """Delete the data of the participant with this receipt code."""
     try:
         withdrawal.delete_by_receipt(app, study.slug, receipt, caller.email)
     except NotFoundError:
@@ -76,7 +78,7 @@ def delete_by_receipt(
 def ask_to_delete(
     study: ChangeOf, request: Request, app: AppDep, caller: SignedIn, participant: str
 ) -> Response:
-    """What deleting means, before it is done."""
+    """The confirmation page before a deletion."""
     try:
         person = participants.find(app, study.id, participant)
     except NotFoundError as error:
@@ -92,6 +94,7 @@ def delete(
     caller: SignedIn,
     participant: Annotated[str, Form(max_length=24)],
 ) -> Response:
+    """Delete a participant's data."""
     try:
         withdrawal.delete_participant(app, study.slug, participant, caller.email)
     except NotFoundError as error:

@@ -1,4 +1,4 @@
-"""The plan of a study: in words, in full, and each version that it has had."""
+"""The plan of a study: a summary, the full text, and every version."""
 
 from __future__ import annotations
 
@@ -21,6 +21,7 @@ router = APIRouter(include_in_schema=False)
 
 @router.get("/studies/{slug}/plan")
 def plan(study: DesignOf, request: Request, app: AppDep, caller: SignedIn) -> Response:
+    """The page of the plan."""
     said = study.plan
     language = said.default_language
     return study_page(
@@ -67,9 +68,9 @@ def plan(study: DesignOf, request: Request, app: AppDep, caller: SignedIn) -> Re
 
 @router.get("/studies/{slug}/plan/study.yaml")
 def download(study: DesignOf, app: AppDep, caller: SignedIn) -> Response:
-    """The stored plan as a file: what the hash is of, but for texts and videos.
+    """The stored plan as a file: the hashed content without texts and videos.
 
-    Who may not see the study's data gets it without the codes by which people are paid.
+    Callers without access to the study's data get it without completion codes.
     """
     text = f"# {study.slug}, version {study.plan_version}, hash {study.plan_hash}\n"
     with_codes = Right.DATA in access.rights(app, caller, study.slug)

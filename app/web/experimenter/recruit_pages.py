@@ -1,4 +1,4 @@
-"""Bringing people in: links per platform, links for one person each, places, and conditions."""
+"""Recruitment: links per platform, personal links, capacity, and conditions."""
 
 from __future__ import annotations
 
@@ -38,6 +38,7 @@ MOST_LINKS = 500
 
 @router.get("/studies/{slug}/recruit")
 def recruit(study: ChangeOf, request: Request, app: AppDep, caller: SignedIn) -> Response:
+    """The page of recruitment."""
     return _recruit(request, app, caller, study)
 
 
@@ -50,7 +51,7 @@ def make_links(
     count: Annotated[int, Form(ge=1, le=MOST_LINKS)],
     label: Annotated[str, Form(max_length=100)] = "",
 ) -> Response:
-    """New links, shown in this answer and never again."""
+    """Create personal links; this response is the only one that shows them."""
     try:
         paths = entry_links.create(app, study.slug, count, label.strip(), caller.email)
     except ConflictError as error:
@@ -61,7 +62,7 @@ def make_links(
 
 @router.post("/studies/{slug}/pilot/link", dependencies=[OwnForm])
 def make_pilot_link(study: ChangeOf, request: Request, app: AppDep, caller: SignedIn) -> Response:
-    """A new link to the study's pilot, shown in this answer and never again."""
+    """Create a pilot link; this response is the only one that shows it."""
     try:
         token = pilot_links.make_link(app, study.slug, caller.email)
     except ConflictError as error:
@@ -72,6 +73,7 @@ def make_pilot_link(study: ChangeOf, request: Request, app: AppDep, caller: Sign
 
 @router.post("/studies/{slug}/pilot/end", dependencies=[OwnForm])
 def end_pilot_link(study: ChangeOf, app: AppDep, caller: SignedIn) -> Response:
+    """Revoke the pilot link."""
     pilot_links.end_link(app, study.slug, caller.email)
     return RedirectResponse(f"/studies/{study.slug}/recruit", status_code=303)
 
@@ -85,6 +87,7 @@ def switch(
     on: Annotated[list[str] | None, Form()] = None,
     was_off: Annotated[str | None, Form(max_length=10_000)] = None,
 ) -> Response:
+    """Switch conditions on or off."""
     base = None if was_off is None else [name for name in was_off.split(",") if name]
     try:
         lifecycle.switch_conditions(app, study.slug, on or [], caller.email, base=base)

@@ -23,6 +23,7 @@ router = APIRouter(include_in_schema=False)
 def results(
     study: DataOf, request: Request, app: AppDep, caller: SignedIn, mode: str = "live"
 ) -> Response:
+    """The page of results."""
     mode = mode_of(mode)
     figures = [
         {

@@ -1,4 +1,4 @@
-"""The page of one session: its queries in order, and what its models made of them."""
+"""The page of one session: its queries in order, and the posterior of each trial."""
 
 from __future__ import annotations
 
@@ -21,6 +21,7 @@ router = APIRouter(include_in_schema=False)
 def session(
     study: DataOf, session_id: str, request: Request, app: AppDep, caller: SignedIn
 ) -> Response:
+    """The page of one session."""
     return study_page(
         request,
         app,

@@ -29,12 +29,13 @@ from .page_context import AnybodysForm
 
 router = APIRouter(include_in_schema=False)
 
-#: For passwords that are looked at: of browsers that are not known, and of those that are.
+#: Threads for password checks: of unknown browsers, and of known ones.
 _THREADS: RunVar[tuple[CapacityLimiter, CapacityLimiter]] = RunVar("threads for sign-ins")
 
 
 @router.get("/")
 def home() -> Response:
+    """Redirect to the list of studies."""
     return RedirectResponse("/studies", status_code=303)
 
 
@@ -44,6 +45,7 @@ def sign_in_page(
     app: AppDep,
     next: str = "/studies",  # noqa: A002 - a field's name
 ) -> Response:
+    """The sign-in form."""
     return _sign_in_page(request, app, next, None)
 
 
@@ -55,11 +57,12 @@ async def sign_in(
     password: Annotated[str, Form(max_length=1000)],
     next: Annotated[str, Form()] = "/studies",  # noqa: A002
 ) -> Response:
+    """Sign in, or show the form again with the reason."""
     came_from = known_devices.came_from(request, app, email)
     is_known = came_from.device is not None
     check = partial(accounts.sign_in, app, email, password, came_from)
     try:
-        # In threads of its own: those that wait take none from other pages.
+        # In threads of their own, so that waiting checks take none from other pages.
         token = await to_thread.run_sync(check, limiter=_threads(is_known=is_known))
     except SignInRequiredError:
         return _sign_in_page(
@@ -94,6 +97,7 @@ def _threads(*, is_known: bool) -> CapacityLimiter:
 
 @router.post("/sign-out", dependencies=[AnybodysForm])
 def sign_out(request: Request, app: AppDep) -> Response:
+    """Sign out of this browser."""
     accounts.sign_out(app, request.cookies.get(SIGN_IN_COOKIE, ""))
     response = RedirectResponse("/sign-in", status_code=303)
     response.delete_cookie(SIGN_IN_COOKIE)
@@ -117,7 +121,7 @@ def _sign_in_page(
 def page_with_form(
     request: Request, app: AppContext, template: str, title: str, status: int = 200, **context: Any
 ) -> Response:
-    """A page with a form for somebody who need not be signed in."""
+    """A page with a form for a visitor who need not be signed in."""
     fresh = None
     if FORM_COOKIE not in request.cookies and SIGN_IN_COOKIE not in request.cookies:
         fresh = new_form_secret()
@@ -141,7 +145,7 @@ def _too_many(app: AppContext, error: TooManyError) -> str:
 
 
 def too_many_tries(app: AppContext, error: TooManyTriesError) -> str:
-    """When the next try counts, for somebody who may well be who they say they are."""
+    """The page after too many failed sign-ins, with the time of the next attempt."""
     seconds = seconds_until(app, error)
     minutes = -(-seconds // 60)
     wait = f"in {seconds} s" if minutes <= 1 else f"in {minutes} minutes"
@@ -149,6 +153,6 @@ def too_many_tries(app: AppContext, error: TooManyTriesError) -> str:
 
 
 def _own_path(path: str) -> str:
-    """The path if it is one of ours: nobody is sent to another site after signing in."""
+    """The path if it is on this host, so that a sign-in redirects to no other site."""
     is_own = path.startswith("/") and not path.startswith(("//", "/\\"))
     return path if is_own else "/studies"

@@ -1,4 +1,4 @@
-"""The frame of every page about one study: its name, how it stands, and its other pages."""
+"""The layout of all pages of a study: title, status, and tabs."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from app.services.studies import access
 from app.services.studies.access import Right
 from app.services.studies.repository import StudyInfo
 
-from .page_context import desk_page
+from .page_context import experimenter_page
 
 
 class Place(NamedTuple):
-    """One page about a study, and the right that opens it."""
+    """A tab of a study's pages, and the right that it requires."""
 
     key: str
     path: str
@@ -49,10 +49,10 @@ def study_page(
     status_code: int = 200,
     **context: Any,
 ) -> Response:
-    """A page about one study, from `templates/experimenter/study_<here>.html`.
+    """A page of a study, from `templates/experimenter/study_<here>.html`.
 
-    The template is given `study` (slug, title, status, paused, and `more`), the caller's `rights`,
-    and the tabs that they may open.
+    The template receives `study` (slug, title, status, paused, and `more`), the caller's `rights`,
+    and the tabs that the caller may open.
     """
     plan = study.plan
     title = plan.text(plan.title, plan.default_language)
@@ -69,7 +69,7 @@ def study_page(
         for place in PLACES
         if place.right in rights
     ]
-    return desk_page(
+    return experimenter_page(
         request,
         caller,
         f"experimenter/study_{here}.html",

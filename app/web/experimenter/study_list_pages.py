@@ -1,4 +1,4 @@
-"""The list of studies, and the page of one: how it stands, and what can be done with it."""
+"""The list of studies."""
 
 from __future__ import annotations
 
@@ -10,13 +10,14 @@ from app.services.monitoring import session_list
 from app.services.studies import access
 from app.web.http.security import AppDep
 
-from .page_context import SignedIn, desk_page
+from .page_context import SignedIn, experimenter_page
 
 router = APIRouter(include_in_schema=False)
 
 
 @router.get("/studies")
 def all_studies(request: Request, app: AppDep, caller: SignedIn) -> Response:
+    """The studies and drafts that the caller may see."""
     counts = session_list.counts(app)
     nobody = session_list.Counts()
     lines = [
@@ -31,7 +32,7 @@ def all_studies(request: Request, app: AppDep, caller: SignedIn) -> Response:
         }
         for study in access.studies_for(app, caller)
     ]
-    return desk_page(
+    return experimenter_page(
         request,
         caller,
         "experimenter/studies.html",

@@ -1,7 +1,7 @@
-"""Forms that bring files, taken in the order of what they prove.
+"""Multipart forms with files, checked in order: rights, form token, files.
 
-Rights come first, then the form token, which is the form's first field, and only then a byte of a
-file is kept. Files wait on the disk, not in memory, and what is sent is counted as it comes.
+The form token is the form's first field: no byte of a file is stored before it is checked. Files
+are stored on disk, not in memory, and are counted while they are received.
 """
 
 from __future__ import annotations
@@ -35,8 +35,8 @@ _IN_MEMORY = 64_000
 _MOST_FIELDS = 20
 _LONGEST_FIELD = 10_000
 _LONGEST_HEADER = 8_000
-#: What is read and thrown away behind a refusal, so that a browser gets to see it: a server that
-#: hangs up on a browser that is still sending is taken for a broken line.
+#: Bytes read and discarded after a refusal, so that the browser shows it: browsers report a
+#: connection closed while they send as a network error.
 _DRAINED_BYTES = 100_000_000
 _DRAINED_SECONDS = 20.0
 _MULTIPART = "multipart/form-data"
@@ -46,14 +46,14 @@ _coming: Counter[int] = Counter()
 
 
 class TooMuchError(HTTPException):
-    """More was sent than a study may take."""
+    """The upload exceeds the size limit of a study."""
 
     def __init__(self, limit_mb: int) -> None:
         super().__init__(413, f"Expected at most {limit_mb:,} MB at once")
 
 
 class _Parser(MultiPartParser):
-    """Checks the form token before it keeps a file, and keeps little in memory."""
+    """A multipart parser that checks the form token before it stores a file, and bounds memory."""
 
     spool_max_size = _IN_MEMORY
 
@@ -94,11 +94,11 @@ class _Parser(MultiPartParser):
 async def sent_form(
     request: Request, app: AppContext, caller: Principal
 ) -> AsyncIterator[FormData]:
-    """The form with its files, which lie on the disk as long as they are looked at.
+    """The form with its files, which stay on disk while the context is open.
 
-    Raises ForbiddenError unless it comes from our own page, and UploadRefusedError for too many
-    files, both before a file is kept. Raises TooMuchError, by what the browser says of the size or,
-    if that is a lie, by what comes.
+    Raises ForbiddenError without a valid form token and UploadRefusedError for too many files, both
+    before a file is stored. Raises TooMuchError by the Content-Length or, if that is wrong, by the
+    bytes received.
     """
     limit_mb = app.settings.upload_limit_mb
     is_multipart = request.headers.get("content-type", "").lower().startswith(_MULTIPART)
@@ -149,7 +149,7 @@ async def _parsed(request: Request) -> FormData:
 
 @contextmanager
 def _one_more(caller: Principal) -> Iterator[None]:
-    """Count a form that comes. Raises HTTPException beyond what an account sends at a time."""
+    """Count a form being received. Raises HTTPException beyond the limit of an account."""
     if _coming[caller.account_id] >= MOST_AT_ONCE:
         raise HTTPException(
             429,
@@ -166,7 +166,7 @@ def _one_more(caller: Principal) -> Iterator[None]:
 
 
 async def drain(request: Request) -> None:
-    """Read what is still coming, up to a bound, and keep nothing of it."""
+    """Read and discard the rest of a request, up to a bound."""
     left = _DRAINED_BYTES
     try:
         async with asyncio.timeout(_DRAINED_SECONDS):
@@ -180,11 +180,12 @@ async def drain(request: Request) -> None:
 
 
 def sent_files(form: FormData, field: str = "files") -> list[Sent]:
-    """The files of a field under the names that they had; a field left empty brings none."""
+    """The files of a field with their names; an empty field has none."""
     uploaded = [one for one in form.getlist(field) if isinstance(one, UploadFile)]
     return [Sent(one.filename, one.file) for one in uploaded if one.filename]
 
 
 def text_in(form: FormData, field: str) -> str:
+    """The text of a field; empty if the field is missing or is a file."""
     value = form.get(field)
     return value if isinstance(value, str) else ""

@@ -1,7 +1,7 @@
-"""Limits on what a request may bring: its body by its route, its address and its headers.
+"""Limits on the size of requests: body (by route), address and headers.
 
-A body is read no further than its limit, whatever it says of its length. The limits are meant for
-what the pages send: `LIMITS` is the one table, and the proxies in deploy/ have the same numbers.
+A body is read no further than its limit, whatever its Content-Length. The limits fit what the
+pages send: `LIMITS` is the one table, and the proxies in deploy/ have the same numbers.
 """
 
 from __future__ import annotations
@@ -16,17 +16,17 @@ from starlette.requests import Request
 from starlette.responses import Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from .request_guard import turned_away
+from .request_guard import refusal_response
 from .security import signed_in_now
 
-#: What every route takes that the table does not name.
+#: The limit of every route that the table does not name, in bytes.
 SMALL: Final = 64_000
-#: An answer and what was seen of a pair: a page sends 60 events, an older one or a program more.
+#: A response with its events: a page sends 60 of them, an older page or a program more.
 WITH_EVENTS: Final = 600_000
 #: All texts of a study in all its languages.
 TEXTS: Final = 10_000_000
 
-#: The longest body by path; None: the route counts for itself what comes, as uploads do.
+#: The longest body by path; None: the route counts the bytes itself, as uploads do.
 LIMITS: Final[tuple[tuple[re.Pattern[str], int | None], ...]] = (
     (re.compile(r"/drafts(/[^/]+/files)?"), None),
     (re.compile(r"/drafts/[^/]+/(text|settings)"), TEXTS),
@@ -45,12 +45,12 @@ _FORM = b"application/x-www-form-urlencoded"
 
 
 def limit_of(path: str) -> int | None:
-    """How many bytes the body of a request to this path may have; None: the route says."""
+    """The largest body of a request to this path, in bytes; None if the route counts it itself."""
     return next((limit for pattern, limit in LIMITS if pattern.fullmatch(path)), SMALL)
 
 
 class BodyLimit:
-    """Answers 413, 414 or 431 to what is too long, before it fills the memory."""
+    """Answers 413, 414 or 431 to requests beyond the limits, before they fill the memory."""
 
     def __init__(self, app: ASGIApp) -> None:
         self._app = app
@@ -99,7 +99,7 @@ class _Limited:
 
     async def _hold(self, length: int) -> None:
         if length > SMALL and not self._is_known:
-            # Long forms are for those who are signed in, sent as our pages send them.
+            # Long forms are accepted only url-encoded and from signed-in callers.
             if (
                 not self._is_form
                 or await run_in_threadpool(signed_in_now, Request(self._scope)) is None
@@ -111,14 +111,14 @@ class _Limited:
 
 
 def _too_long(scope: Scope) -> Response | None:
-    """The answer to an address or headers beyond their limits."""
+    """The response to an address or headers beyond their limits; None if they are within."""
     path = scope["path"]
     address = len(scope.get("raw_path") or path) + len(scope["query_string"])
     if address > LONGEST_ADDRESS:
         said = f"Expected an address of at most {LONGEST_ADDRESS:,} bytes, got {address:,}."
-        return turned_away(path, 414, said)
+        return refusal_response(path, 414, said)
     headers = sum(len(name) + len(value) for name, value in scope["headers"])
     if headers > LONGEST_HEADERS:
         said = f"Expected headers of at most {LONGEST_HEADERS:,} bytes, got {headers:,}."
-        return turned_away(path, 431, said)
+        return refusal_response(path, 431, said)
     return None

@@ -20,31 +20,31 @@ from sqlalchemy.exc import TimeoutError as WaitedTooLongError
 P = ParamSpec("P")
 T = TypeVar("T")
 
-#: Calls that are worked on at the same time: one computes while others wait for the database.
+#: Calls that run at the same time: one computes while others wait for the database.
 PLACES = 3
 #: Of these, calls that may write.
 WRITING = PLACES - 1
-#: For how long a call that may write waits for its place, in seconds: pages give up then, too, and
-#: send it again.
+#: Longest wait of a call that may write for its place, in seconds. Pages time out then as well and
+#: send the call again.
 PATIENCE_S = 15.0
 
 
 @dataclass(frozen=True)
 class _Places:
-    """Those of all, and those of writers among them."""
+    """The limiter of all calls, and the limiter of those that may write."""
 
     of_all: CapacityLimiter
     of_writers: CapacityLimiter
 
 
-#: Of each event loop.
-_PLACES: RunVar[_Places] = RunVar("places in line")
+_PLACES: RunVar[_Places] = RunVar("concurrency limiters")
 
 
-def in_line(endpoint: Callable[P, T]) -> Callable[P, Awaitable[T]]:
-    """The endpoint, which may write, in a thread as ever; who waits for a place waits without.
+def limited_write(endpoint: Callable[P, T]) -> Callable[P, Awaitable[T]]:
+    """Run the endpoint, which may write, in a worker thread, at most `WRITING` at a time.
 
-    Raises SQLAlchemy's TimeoutError, having done nothing, where no place was free for too long.
+    Waiting for a place holds no thread. Raises SQLAlchemy's TimeoutError, before the endpoint has
+    run, if no place becomes free within `PATIENCE_S`.
     """
 
     @wraps(endpoint)
@@ -65,8 +65,8 @@ def in_line(endpoint: Callable[P, T]) -> Callable[P, Awaitable[T]]:
     return waited
 
 
-def in_line_to_look(endpoint: Callable[P, T]) -> Callable[P, Awaitable[T]]:
-    """The endpoint, which writes nothing, as `in_line`: it waits for nobody who waits to write."""
+def limited_read(endpoint: Callable[P, T]) -> Callable[P, Awaitable[T]]:
+    """Run the endpoint, which only reads, in a worker thread; it never waits for queued writers."""
 
     @wraps(endpoint)
     async def waited(*args: P.args, **kwargs: P.kwargs) -> T:

@@ -1,4 +1,4 @@
-"""Notices what fails while people take part, so that those who run the study learn of it."""
+"""Counts failed requests of participants, so that experimenters learn of them."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from app.services.failure_counter import FailureContext, Kind
 from . import session_paths
 from .security import bearer
 
-#: With which a page says whose call it is.
+#: The header with which a page names the study of its call.
 _STUDY_HEADER = "PBPO-Study"
 _SERVER_FAULT = 500
 _UNAVAILABLE = 503
@@ -23,8 +23,8 @@ _TOO_MANY = 429
 _BEGINNING = re.compile(r"/api/v1/studies/[^/]+/sessions")
 
 
-class FaultsCounted:
-    """Counts the answers to people who take part, and to their programs, that say "failed"."""
+class FailureMiddleware:
+    """Counts responses with a failure status to participants' pages, calls and videos."""
 
     def __init__(self, asgi_app: ASGIApp) -> None:
         self._app = asgi_app
@@ -57,7 +57,7 @@ async def _count(scope: Scope, status: int) -> None:
 
 
 def _kind(path: str, status: int) -> Kind | None:
-    """What failed, where it is somebody who takes part that it failed for."""
+    """The kind of failure, if the request was a participant's; else None."""
     is_page = path.startswith(("/s/", "/pilot/s/"))
     is_call = path.startswith("/api/v1/session") or _BEGINNING.fullmatch(path) is not None
     is_video = path.startswith("/media/")

@@ -1,4 +1,4 @@
-"""What machines ask a server: whether it lives, whether it can work, and what it measures."""
+"""Routes for monitoring: liveness, readiness and metrics."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ router = APIRouter(include_in_schema=False)
 
 _FRESH = {"Cache-Control": "no-store"}
 
-#: Watchmen and load balancers often ask for the head alone.
+#: Monitors and load balancers often send HEAD.
 _ASKED_BY = ["GET", "HEAD"]
 
 
 @router.api_route("/healthz", methods=_ASKED_BY)
 async def alive() -> Response:
-    """The process answers. It asks nothing else, so that a database's fault restarts no server."""
+    """Answers 200 while the process runs. It does not use the database."""
     return JSONResponse({"alive": True}, headers=_FRESH)
 
 
 @router.api_route("/readyz", methods=_ASKED_BY)
 def ready(app: AppDep) -> Response:
-    """Whether evaluators can be sent here: 503 says why not, a sentence for each fault.
+    """Whether evaluators can be sent here: 503 with a sentence for each fault.
 
-    What is wrong and turns nobody away is said beside that, as warnings.
+    Conditions that keep no evaluator out are listed as warnings.
     """
     found = health.faults(app)
     body = {"ready": not found, "faults": found, "warnings": health.warnings(app)}
@@ -43,7 +43,7 @@ def metrics(
     app: AppDep,
     authorization: Annotated[str | None, Header()] = None,
 ) -> Response:
-    """The measurements, for whoever holds the token; without one in the settings, nothing."""
+    """Prometheus metrics for the bearer of the token; 404 if no token is set."""
     token = app.settings.metrics_token
     if token is None:
         return Response(status_code=404, headers=_FRESH)

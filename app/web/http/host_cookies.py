@@ -1,8 +1,9 @@
-"""The `__Host-` prefix on every cookie of ours, wherever cookies are secure.
+"""Puts the `__Host-` prefix on every cookie of the application wherever cookies are secure.
 
-A browser takes a cookie of such a name only over HTTPS and from this very host, so no other host of
-the same site can plant one. Within the application cookies have their plain names: this adds the
-prefix to what is sent and takes it off what comes. A cookie of ours without it is not read.
+A browser accepts a cookie with this prefix only over HTTPS and from this very host, so no other
+host of the same site can plant one. Within the application cookies have their plain names: the
+middleware adds the prefix to responses and removes it from requests. Cookies of the application
+that come without the prefix are dropped.
 """
 
 from __future__ import annotations
@@ -56,6 +57,6 @@ def _sent(header: _Header) -> _Header:
     name, value = header
     if name.lower() != b"set-cookie" or not value.startswith(_OURS):
         return header
-    # One that is deleted, too: a browser takes nothing of this name without it.
+    # Deletions as well: a browser accepts no cookie of this name without it.
     secure = b"" if b"; secure" in value.lower() else b"; Secure"
     return name, _PREFIX + value + secure

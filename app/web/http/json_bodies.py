@@ -38,10 +38,11 @@ class _Parsed(Request):
         return self._json
 
 
-class ParsedApart(APIRoute):
-    """A route that may take bodies longer than `SMALL`."""
+class ThreadParsedJsonRoute(APIRoute):
+    """A route whose JSON bodies longer than `SMALL` are parsed in a thread."""
 
     def get_route_handler(self) -> Callable[[Request], Coroutine[Any, Any, Response]]:
+        """The handler of the route, which reads requests as `_Parsed`."""
         handle = super().get_route_handler()
 
         async def handled(request: Request) -> Response:

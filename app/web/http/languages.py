@@ -1,4 +1,4 @@
-"""Languages of a study's pages: what each calls itself, and which one a reader prefers."""
+"""Languages of a study's pages: their own names, and which one a reader prefers."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from fastapi import Request
 #: The parameter of a link that names a language.
 PARAMETER = "lang"
 
-#: A language in its own words: who cannot read the page must still find theirs.
+#: Own names of languages, for readers who cannot read the page's language.
 _OWN_NAMES = {
     "ar": "العربية",
     "cs": "Čeština",
@@ -42,7 +42,7 @@ _OWN_NAMES = {
 
 
 def own_name(language: str) -> str:
-    """What the language calls itself; its code where we do not know."""
+    """The language's name in that language; its code if the name is not known."""
     base, _, rest = language.partition("-")
     name = _OWN_NAMES.get(base)
     if name is None:

@@ -26,7 +26,7 @@ from app.study.shortening import shortened
 from . import languages
 from .refusal_size import bounded, sentence
 from .templating import DEFAULTS, page
-from .translations import spoken, translatable, translated
+from .translations import available_locales, translatable, translated
 
 log = logging.getLogger(__name__)
 
@@ -100,7 +100,7 @@ KINDS: tuple[tuple[type[Exception], Kind], ...] = (
 )
 
 
-#: What an evaluator is told instead of a detail that speaks to programmers.
+#: Shown to evaluators in place of details meant for programmers.
 _NOTHING_HERE = translatable(
     "There is nothing at this address. Please open the link just as it was sent to you."
 )
@@ -108,7 +108,7 @@ _NOT_NOW = translatable(
     "Please open the study's link again: it leads to where you were."
     " If that does not help, tell the people who sent it to you."
 )
-#: What they can do about a refusal of this name.
+#: Advice by the name of the refusal.
 _ADVICE = {
     "signed-link": translatable(
         "This study is open to people whom Prolific sends. Please open it again from your page at"
@@ -125,10 +125,12 @@ _OTHER_TITLE = translatable("That is not possible now")
 
 
 def kind_of(error: Exception) -> Kind:
+    """The status, name and title of a domain error."""
     return next(kind for domain_error, kind in KINDS if isinstance(error, domain_error))
 
 
 def problem(kind: Kind, detail: str, **extra: Any) -> JSONResponse:
+    """The RFC 9457 response for this kind of error. extra: further members of the body."""
     body = {
         "type": f"{TYPE_PREFIX}{kind.name}",
         "title": shortened(kind.title),
@@ -164,9 +166,9 @@ def _short(detail: str) -> str:
 
 
 def refusals(*statuses: int, body: bool = False) -> dict[int | str, dict[str, Any]]:
-    """How a route's document says that it may answer with a problem of these statuses.
+    """The OpenAPI descriptions of problem responses with these statuses.
 
-    body: whether the route takes one.
+    body: whether the route takes a body.
     """
     content = {MEDIA_TYPE: {"schema": Problem.model_json_schema()}}
     all_statuses = sorted({*statuses, *_ALWAYS, *(_WITH_BODY if body else ())})
@@ -197,7 +199,7 @@ def _answer(request: Request, kind: Kind, detail: str, **extra: Any) -> Response
         return problem(kind, detail, **extra)
     title, language = kind.title, DEFAULTS["language"]
     if request.url.path.startswith(("/s/", "/pilot/s/")):
-        language = languages.of_reader(request, spoken())
+        language = languages.of_reader(request, available_locales())
         title = translated(_EVALUATORS_TITLES.get(kind.status, _OTHER_TITLE), language)
         advice = _NOTHING_HERE if kind.status == 404 else _ADVICE.get(kind.name, _NOT_NOW)
         detail = translated(advice, language)
@@ -216,8 +218,9 @@ def _answer(request: Request, kind: Kind, detail: str, **extra: Any) -> Response
 
 
 async def domain_error(request: Request, error: Exception) -> Response:
+    """The response to a domain error, with the members that its type adds."""
     extra: dict[str, Any] = {}
-    # Whoever is out of step is told where the session is.
+    # Calls that are out of order receive the stage of the session.
     if isinstance(error, protocol.OutOfOrder | errors.ResponseRefusedError):
         extra["stage"] = str(error.stage)
     if isinstance(error, errors.StudyDeletedError):
@@ -244,7 +247,7 @@ async def domain_error(request: Request, error: Exception) -> Response:
 
 
 def seconds_until(app: AppContext, error: errors.TooManyError) -> int:
-    """For how long whoever asked too often should wait."""
+    """Seconds to wait before the next attempt, at least 1."""
     return max(1, ceil((error.until - app.now()).total_seconds()))
 
 
@@ -257,8 +260,8 @@ async def _invalid(request: Request, error: Exception) -> Response:
         }
         for fault in error.errors()
     ]
-    told = (bounded(fault) for fault in faults)
-    detail = sentence(f"{fault['pointer']}: {fault['detail']}" for fault in told)
+    short = (bounded(fault) for fault in faults)
+    detail = sentence(f"{fault['pointer']}: {fault['detail']}" for fault in short)
     return _answer(request, Kind(422, "invalid", "Not understood"), detail, errors=faults)
 
 
@@ -268,7 +271,7 @@ async def _not_storable(request: Request, _error: Exception) -> Response:
 
 
 async def _clash(request: Request, error: Exception) -> Response:
-    """Two did the same at once, and this one came second: nothing of it was stored."""
+    """409 for two requests that did the same at once: nothing of the second one was stored."""
     if not is_conflict(error):
         raise error
     assert isinstance(error, IntegrityError)
@@ -278,14 +281,14 @@ async def _clash(request: Request, error: Exception) -> Response:
 
 
 async def _out_of_order(request: Request, error: Exception) -> Response:
-    """The database is full, locked or away: nothing was stored, and the same again may succeed."""
+    """503 for a database that is full, locked or unreachable: nothing was stored."""
     log.error("the database failed", exc_info=error)
     kind = Kind(503, "unavailable", "Not possible just now")
     return _answer(request, kind, "the database could not be used; nothing was changed")
 
 
 async def _outcome_unknown(request: Request, error: Exception) -> Response:
-    """The database was lost while it stored what was sent: all of it is there, or nothing."""
+    """503 for a connection lost during a commit: all of the request is stored, or nothing."""
     log.error("the database was lost at a commit", exc_info=error)
     kind = Kind(503, "outcome-unknown", "Perhaps done")
     detail = "the database was lost while it stored this: look whether it did, or send it again"

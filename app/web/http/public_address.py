@@ -1,4 +1,4 @@
-"""The studio's own address: in links that people are given, and as the origin of its forms."""
+"""The application's own address: the base of links, and the origin of its forms."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ from starlette.types import Scope
 
 from app.services.runtime.settings import Settings
 
-from .security import studio_of
+from .security import app_context_of
 
 _PORTS = {"http": 80, "https": 443}
 
 
 def base_url(request: Request) -> str:
-    """What links begin with: PBPO_PUBLIC_URL; without it, what the browser has asked for."""
-    return studio_of(request).settings.public_url or str(request.base_url).rstrip("/")
+    """The base of links: PBPO_PUBLIC_URL; without it, the base of the requested address."""
+    return app_context_of(request).settings.public_url or str(request.base_url).rstrip("/")
 
 
 def is_own_origin(scope: Scope, settings: Settings, origin: str) -> bool:
-    """Whether a form with this `Origin` was sent by a page of the host that it was sent to.
+    """Whether this `Origin` is the host that the form was sent to.
 
-    Behind TLS a server may be asked by plain HTTP, so https is taken in place of http.
+    Behind TLS a server may receive plain HTTP, so the https origin is accepted in place of http.
     """
     sent_by = _origin(origin)
     if sent_by is None:
@@ -35,18 +35,18 @@ def is_own_origin(scope: Scope, settings: Settings, origin: str) -> bool:
 
 
 def within(location: str, scope: Scope) -> str:
-    """A redirect to our own host as a path: a `Host` that somebody made up leads nobody away."""
+    """Turn a redirect to the own host into a path: a forged `Host` cannot redirect elsewhere."""
     host = Headers(scope=scope).get("host", "")
     for scheme in _PORTS:
         start = f"{scheme}://{host}/"
         if host and location.startswith(start):
-            # Not more than one slash: two would begin the name of another host.
+            # One slash only: two would begin the name of another host.
             return "/" + location[len(start) :].lstrip("/\\")
     return location
 
 
 def _origin(url: str) -> tuple[str, str, int] | None:
-    """Scheme, host and port; None of what is no origin, such as `null`."""
+    """Scheme, host and port; None for a value that is no origin, such as `null`."""
     try:
         parts = urlsplit(url)
         port = parts.port

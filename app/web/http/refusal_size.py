@@ -1,4 +1,4 @@
-"""Refusals are small whatever came: few faults, short names, short values."""
+"""Bounds on the size of error responses: few faults, short names, short values."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _LONGEST_SENTENCE = 800
 
 
 def bounded(value: Any) -> Any:
-    """A part of a refusal with at most `MOST_FAULTS` entries per list, each of short texts."""
+    """A part of an error response: at most `MOST_FAULTS` entries per list, and short texts."""
     if isinstance(value, str):
         # JSON can bring half of a surrogate pair, which no encoding can write.
         return shortened(value, _LONGEST_PART).encode("utf-8", "replace").decode()

@@ -1,4 +1,4 @@
-"""What is asked of every request and said with every answer, before any route is found."""
+"""Checks that every request passes before routing, and headers that every response carries."""
 
 from __future__ import annotations
 
@@ -13,23 +13,23 @@ from .problems import Kind, problem
 from .security import POLICY, content_security_policy
 
 _SAFE_METHODS = frozenset({"GET", "HEAD", "OPTIONS"})
-#: Whose requests may change something: our own pages', and those that no page sent. Of a site such
-#: as a university's any other host would be `same-site`.
+#: Values of `Sec-Fetch-Site` with which a request may change something: own pages, and requests no
+#: page sent. `same-site` would include every other host of a university.
 _OWN_SITES = frozenset({"same-origin", "none"})
 
-#: What every response says unless its route says otherwise.
+#: Headers of every response, unless its route sets them.
 _HEADERS = (
     ("X-Content-Type-Options", "nosniff"),
     ("Referrer-Policy", "same-origin"),
     ("Cross-Origin-Opener-Policy", "same-origin"),
     ("Permissions-Policy", "camera=(), microphone=(), geolocation=()"),
 )
-#: Where TLS is: for a year a browser comes to this name by HTTPS alone, whatever a link says.
+#: With TLS: browsers use only HTTPS for this host, for a year.
 _BY_HTTPS = ("Strict-Transport-Security", "max-age=31536000")
 
 
 class Guard:
-    """Refuses forms sent by other sites, and tells browsers how little our pages need."""
+    """Refuses state-changing requests from other sites, and sets the security headers."""
 
     def __init__(self, asgi_app: ASGIApp) -> None:
         self._app = asgi_app
@@ -53,13 +53,13 @@ class Guard:
             await send(message)
 
         if scope["method"] not in _SAFE_METHODS and _is_of_another_site(scope):
-            refusal = turned_away(scope["path"], 403, "This request came from another site.")
+            refusal = refusal_response(scope["path"], 403, "This request came from another site.")
             await refusal(scope, receive, send_with_headers)
             return
 
         if "\0" in scope["path"]:
-            # No name of ours holds one, and PostgreSQL cannot even be asked for it.
-            nothing = turned_away(scope["path"], 404, "There is nothing at this address.")
+            # No route or name contains NUL, and PostgreSQL refuses it in a query.
+            nothing = refusal_response(scope["path"], 404, "There is nothing at this address.")
             await nothing(scope, receive, send_with_headers)
             return
 
@@ -67,10 +67,10 @@ class Guard:
 
 
 def _is_of_another_site(scope: Scope) -> bool:
-    """By what the browser says. Programs say nothing of this, and bring no cookies.
+    """Whether the browser's headers name another site. Programs send none of them, and no cookies.
 
-    Browsers say `Sec-Fetch-Site` over HTTPS and to localhost, and the older ones not at all; with
-    what changes something they have long since sent `Origin`.
+    Browsers send `Sec-Fetch-Site` over HTTPS and to localhost; older ones do not. All of them send
+    `Origin` with requests that change something.
     """
     headers = Headers(scope=scope)
     site, origin = headers.get("sec-fetch-site"), headers.get("origin")
@@ -82,8 +82,8 @@ def _is_of_another_site(scope: Scope) -> bool:
     return not public_address.is_own_origin(scope, app.settings, origin)
 
 
-def turned_away(path: str, status: int, detail: str) -> Response:
-    """At the door: a problem for programs, as from within, and a plain sentence for people."""
+def refusal_response(path: str, status: int, detail: str) -> Response:
+    """The response to a request refused before routing: a problem for the API, else plain text."""
     if path.startswith("/api/"):
         kinds = {
             403: Kind(403, "forbidden", "Not allowed"),

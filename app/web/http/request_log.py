@@ -1,7 +1,7 @@
-"""Each request has an id, a line in the log, and a place in the measurements.
+"""Gives each request an id, a line in the log and an entry in the metrics.
 
-The line names the route's pattern, not the path that was asked for: a path may hold an invitation,
-and a query string the id that a recruitment platform gave somebody.
+The line has the route's pattern, not the requested path: a path may contain an invitation, and a
+query string a participant's id at a recruitment platform.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 HEADER = "X-Request-ID"
 
-#: What a proxy's id may look like: anything else could break a line or hide another one.
+#: Accepted form of a proxy's id: other characters could break or forge a line of the log.
 _SANE = re.compile(r"[A-Za-z0-9._-]{8,64}")
 
-#: Asked for every few seconds by machines: only their faults are worth a line.
+#: Requested every few seconds by monitors: only failures are logged.
 _BY_MACHINES = frozenset({"/healthz", "/readyz", "/metrics"})
 
 _KNOWN_METHODS = frozenset({"GET", "HEAD", "POST", "PUT", "PATCH", "DELETE", "OPTIONS"})
@@ -29,7 +29,7 @@ log = logging.getLogger(__name__)
 
 
 class RequestLog:
-    """Gives every request its id, and tells how it was answered."""
+    """Assigns the request id, and logs status and duration of each response."""
 
     def __init__(self, app: ASGIApp) -> None:
         self._app = app
@@ -50,7 +50,7 @@ class RequestLog:
                 MutableHeaders(scope=message)[HEADER] = request_id
             await send(message)
 
-        # Every request runs in a context of its own, so what is bound here ends with it.
+        # Every request runs in its own context, so the binding ends with the request.
         structlog.contextvars.clear_contextvars()
         structlog.contextvars.bind_contextvars(request_id=request_id)
         try:
@@ -78,10 +78,10 @@ class RequestLog:
 
 
 def _pattern(scope: Scope) -> str:
-    """The pattern of the route that answered: one of few, whatever is asked for."""
+    """The pattern of the route that answered: one of few, whatever path was requested."""
     if scope["path"].startswith("/static/"):
         return "/static"
-    # A router within another knows the half of its pattern; the whole of it is told besides.
+    # A nested router knows only its part of the pattern; FastAPI has the whole one in the scope.
     whole = scope.get("fastapi", {}).get("effective_route_context")
     route = whole or scope.get("route")
     return str(getattr(route, "path", "none")) or "none"

@@ -1,4 +1,4 @@
-"""Who is asking, and what a browser may do with our pages."""
+"""Authentication of requests, form tokens, cookies, and the Content-Security-Policy."""
 
 from __future__ import annotations
 
@@ -34,9 +34,9 @@ def content_security_policy(
     form_action: tuple[str, ...] = (),
     frame_ancestors: tuple[str, ...] = (),
 ) -> str:
-    """What a page of ours may do: nothing but with ourselves, and with the sites named here.
+    """The Content-Security-Policy of a page: own resources only, and the sites named here.
 
-    videos: the site that recordings come from, where that is not ours.
+    videos: the origin of recordings, if it is another one.
     """
     also = f" {videos}" if videos else ""
     return "; ".join(
@@ -54,18 +54,18 @@ def content_security_policy(
     )
 
 
-def studio_of(request: Request) -> AppContext:
+def app_context_of(request: Request) -> AppContext:
+    """The application context of the server that received the request."""
     app: AppContext = request.app.state.app
     return app
 
 
-async def _studio(request: Request) -> AppContext:
-    # What only looks something up is asynchronous: anything else is given to a thread and waited
-    # for, at every call, and on a busy server each of these waits counts.
-    return studio_of(request)
+async def _app_context(request: Request) -> AppContext:
+    # Asynchronous, because FastAPI runs synchronous dependencies in a thread, at every call.
+    return app_context_of(request)
 
 
-AppDep = Annotated[AppContext, Depends(_studio)]
+AppDep = Annotated[AppContext, Depends(_app_context)]
 
 
 def bearer(authorization: str | None) -> str | None:
@@ -84,12 +84,12 @@ async def optional_experimenter(
     app: AppDep,
     authorization: Annotated[str | None, Header(include_in_schema=False)] = None,
 ) -> Principal | None:
-    """The experimenter who asks, by API token or by being signed in; None if nobody is."""
+    """The caller, by API token or sign-in cookie; None if neither is valid."""
     if token := bearer(authorization):
         return await run_in_threadpool(_found, accounts.by_api_token, app, token)
     if cookie := request.cookies.get(SIGN_IN_COOKIE):
         return await run_in_threadpool(_found, accounts.by_sign_in, app, cookie)
-    # Nobody, as all evaluators: a crowd that comes waits for no thread.
+    # No credentials, as with all evaluators: no thread is needed.
     return None
 
 
@@ -103,8 +103,8 @@ def _found(
 
 
 def signed_in_now(request: Request) -> Principal | None:
-    """The experimenter whose API token or sign-in came with this, if it is still in force."""
-    app = studio_of(request)
+    """The caller whose API token or sign-in came with this request, if it is still valid."""
+    app = app_context_of(request)
     if token := bearer(request.headers.get("authorization")):
         return _found(accounts.by_api_token, app, token)
     cookie = request.cookies.get(SIGN_IN_COOKIE)
@@ -114,7 +114,7 @@ def signed_in_now(request: Request) -> Principal | None:
 async def experimenter(
     found: Annotated[Principal | None, Depends(optional_experimenter)],
 ) -> Principal:
-    """The experimenter who asks. Raises SignInRequiredError."""
+    """The caller. Raises SignInRequiredError."""
     if found is None:
         raise SignInRequiredError("expected an experimenter's API token, or to be signed in")
     return found
@@ -127,6 +127,7 @@ ExperimenterDep = Annotated[Principal, Depends(experimenter)]
 def set_cookie(
     response: Response, app: AppContext, name: str, value: str, *, max_age: int | None = None
 ) -> None:
+    """Set an HttpOnly cookie with SameSite=Lax; it is Secure where the settings say so."""
     response.set_cookie(
         name,
         value,
@@ -138,16 +139,16 @@ def set_cookie(
 
 
 def form_token(request: Request) -> str:
-    """What a form sent from our own page carries: bound to the sign-in, or to a cookie before it.
+    """The token of a form: bound to the sign-in, or to a cookie before it.
 
-    Sign-in tokens are random and secret, so a hash of one can be known to the page alone.
+    Sign-in tokens are random and secret, so only the page itself can contain a hash of one.
     """
     secret = request.cookies.get(SIGN_IN_COOKIE) or request.cookies.get(FORM_COOKIE) or ""
     return hashlib.sha256(f"form:{secret}".encode()).hexdigest()
 
 
 def check_form_token(request: Request, given: str) -> None:
-    """Raises ForbiddenError unless the form came from our own page."""
+    """Raises ForbiddenError unless the form has the token of this browser."""
     has_secret = SIGN_IN_COOKIE in request.cookies or FORM_COOKIE in request.cookies
     expected = form_token(request).encode()
     if not has_secret or not hmac.compare_digest(expected, given.encode(errors="replace")):
@@ -155,4 +156,5 @@ def check_form_token(request: Request, given: str) -> None:
 
 
 def new_form_secret() -> str:
+    """A random value for the form cookie of a browser that is not signed in."""
     return secrets.token_urlsafe(16)

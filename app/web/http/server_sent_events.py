@@ -1,9 +1,8 @@
-"""Telling an open page that something has changed: server-sent events.
+"""Server-sent events that tell an open page when its data has changed.
 
-The database is the truth and is asked about once a second, so that it is all the same which worker
-process wrote. A stream ends when its browser leaves, when its account has signed out or may not see
-the study any more, when the server is about to stop, and after a while by itself: the browser then
-asks anew, and is checked anew.
+The database is read once a second, so it does not matter which process wrote. A stream ends when
+its browser leaves, when its account has signed out or may no longer see the study, when the server
+is about to stop, and after `LOOKS_PER_STREAM`: the browser then reconnects and is checked again.
 """
 
 from __future__ import annotations
@@ -22,7 +21,7 @@ from starlette.types import Receive, Scope, Send
 from app.services.runtime.errors import TooManyError
 
 SECONDS_BETWEEN_LOOKS: Final = 1.0
-#: Proxies close a line on which nothing comes for half a minute or more.
+#: Proxies close connections that are idle for half a minute or more.
 LOOKS_BETWEEN_SIGNS_OF_LIFE: Final = 15
 #: Five minutes.
 LOOKS_PER_STREAM: Final = 300
@@ -41,7 +40,7 @@ class Streams:
         self._open: Counter[int] = Counter()
 
     def opened(self, account_id: int, until: datetime) -> Callable[[], None]:
-        """Count one more; call what is returned when it ends. Raises TooManyError."""
+        """Count one more stream; call the returned function when it ends. Raises TooManyError."""
         if self._open[account_id] >= MOST_STREAMS:
             raise TooManyError(
                 f"expected at most {MOST_STREAMS} pages of an account that follow a study", until
@@ -61,9 +60,9 @@ async def changes(
     stopping: Callable[[], bool],
     pause: Callable[[float], Awaitable[None]] = asyncio.sleep,
 ) -> AsyncIterator[str]:
-    """An event for each new stamp that `read`, which may block, comes to; `known` is none.
+    """An event for each new change token that `read` returns, which may block.
 
-    It ends once `read` returns None.
+    known: the token of the page. The events end once `read` returns None.
     """
     yield f"retry: {RETRY_MS}\n\n"
     for look in range(LOOKS_PER_STREAM):
@@ -81,7 +80,7 @@ async def changes(
 
 
 class _EventStream(StreamingResponse):
-    """The answer that a browser's EventSource reads; `ended` is called when it is over."""
+    """The response for a browser's EventSource; `ended` is called when it is over."""
 
     def __init__(self, events: AsyncIterator[str], ended: Callable[[], None]) -> None:
         headers = {"Cache-Control": "no-store", "X-Accel-Buffering": "no"}
@@ -96,5 +95,5 @@ class _EventStream(StreamingResponse):
 
 
 def event_stream(events: AsyncIterator[str], ended: Callable[[], None]) -> StreamingResponse:
-    """The events as an answer. ended: called once nobody reads them any more."""
+    """The events as a response. ended: called once the stream is over."""
     return _EventStream(events, ended)

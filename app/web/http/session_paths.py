@@ -1,8 +1,8 @@
-"""The addresses at which a study's pages are served: one for each mode of a session.
+"""The addresses of a study's pages: one for each mode of a session.
 
-`/s/SLUG` is for those who take part. `/preview/s/SLUG` serves the same pages to experimenters of
-the study alone, and `/pilot/s/SLUG` to those who have the link of its pilot. Each has cookies of
-its own, so that a participant's link begins a session of its own in a browser with a preview.
+`/s/SLUG` is for participants. `/preview/s/SLUG` serves the same pages to experimenters of the study
+only, and `/pilot/s/SLUG` to holders of its pilot link. Each mode has cookies of its own, so that a
+participant's link begins a separate session in a browser that has a preview.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ from app.services.runtime.errors import ForbiddenError
 from app.services.studies import access, session_modes
 from app.services.studies.access import Right
 
-from .security import optional_experimenter, session_cookie, studio_of
+from .security import app_context_of, optional_experimenter, session_cookie
 
-#: What the address of a page begins with, and its cookie's name, for modes that are not live.
+#: The prefix of a page's address, for modes other than live.
 PREFIXES = {session_modes.PREVIEW: "/preview", session_modes.PILOT: pilot_links.PREFIX}
 
 _SEPARATOR = "/"
-#: The cookies that a study's pages have, `pbpo_KIND_SLUG`: each mode has its own.
+#: Kinds of cookies of a study's pages, `pbpo_KIND_SLUG`: each mode has its own.
 _OF_A_STUDY = ("session", "entry", "ended", "deleted")
 
 
@@ -42,7 +42,7 @@ def base_of(request: Request, slug: str) -> str:
 
 
 def study_header(request: Request, slug: str) -> str:
-    """What a page's calls say in `PBPO-Study`: which cookie holds the session's token."""
+    """The value of `PBPO-Study` in a page's calls; it selects the session's cookie."""
     mode = mode_of(request)
     return slug if mode == session_modes.LIVE else f"{mode}{_SEPARATOR}{slug}"
 
@@ -54,13 +54,13 @@ def of_header(said: str) -> tuple[str, str]:
 
 
 async def require_admitted(request: Request, mode: str, slug: str) -> None:
-    """Raises ForbiddenError where a preview is asked for by anybody but its experimenters.
+    """Raises ForbiddenError if a preview is requested by anyone but the study's experimenters.
 
-    It is asked with each request: a preview ends with the experimenter's sign-out.
+    It is checked at each request: a preview ends with the experimenter's sign-out.
     """
     if mode != session_modes.PREVIEW:
         return
-    app = studio_of(request)
+    app = app_context_of(request)
     caller = await optional_experimenter(request, app, request.headers.get("authorization"))
     may = caller is not None and await run_in_threadpool(
         access.may, app, caller, slug, Right.CHANGE
@@ -76,8 +76,8 @@ def cookie_of(mode: str, slug: str) -> str:
     return _renamed(session_cookie(slug), mode)
 
 
-def take_in(request: Request, mode: str, slug: str) -> None:
-    """Let the pages find the cookies of this mode where they look for those of a live session."""
+def read_mode_cookies(request: Request, mode: str, slug: str) -> None:
+    """Rename this mode's cookies in the request to those of a live session, which pages read."""
     if mode == session_modes.LIVE:
         return
     cookies = request.cookies
@@ -87,8 +87,8 @@ def take_in(request: Request, mode: str, slug: str) -> None:
             cookies[name] = own
 
 
-def send_out(response: Response, mode: str, slug: str) -> None:
-    """Put the cookie and the redirects of a page under the address of this mode."""
+def write_mode_cookies(response: Response, mode: str, slug: str) -> None:
+    """Rename the response's cookies to those of this mode, and prefix its redirects accordingly."""
     if mode == session_modes.LIVE:
         return
     here = f"/s/{slug}"

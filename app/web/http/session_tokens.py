@@ -1,4 +1,4 @@
-"""The token of a session, as a call brings it: a program's in a header, a page's in its cookie."""
+"""The session token of a call: from a header for programs, from a cookie for pages."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ async def session_token(
         ),
     ] = None,
 ) -> str:
-    """The session's token. Raises SignInRequiredError, or ForbiddenError of somebody's preview."""
+    """The session's token. Raises SignInRequiredError, or ForbiddenError for another's preview."""
     token = bearer(authorization)
     if token is None and pbpo_study is not None:
         mode, slug = session_paths.of_header(pbpo_study)

@@ -1,4 +1,4 @@
-"""Pages from templates."""
+"""Renders pages from the Jinja2 templates."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from . import translations
 ROOT = Path(__file__).resolve().parents[3]
 STATIC = ROOT / "static"
 
-#: What every page is given unless its route says otherwise.
+#: Default values of the context of every page.
 DEFAULTS: Mapping[str, Any] = {"study_title": None, "language": "en", "page_title": "PBPO Studio"}
 
 
 def local_time(moment: datetime | None) -> Markup:
-    """A time that says in UTC what it is, and that the page may show in the reader's own zone."""
+    """A time in UTC as a `<time>` element, which scripts show in the reader's own zone."""
     if moment is None:
         return Markup("–")
     moment = moment.astimezone(UTC)
@@ -39,13 +39,13 @@ def _fingerprint(path: str, _modified: float) -> str:
 
 
 def static_url(path: str) -> str:
-    """Address of a static file. It changes with the content, so browsers may keep it for ever."""
+    """Address of a static file with a hash of its content, so that browsers can always cache it."""
     return f"/static/{path}?v={_fingerprint(path, (STATIC / path).stat().st_mtime)}"
 
 
 @cache
 def environment_in(language: str) -> Environment:
-    """The templates in one of the languages that our pages speak."""
+    """The Jinja2 environment of one of `available_locales()`."""
     made = Environment(
         loader=FileSystemLoader(ROOT / "templates"),
         autoescape=True,
@@ -75,9 +75,9 @@ def page(
 ) -> HTMLResponse:
     """The page of `template` in the context's `language`.
 
-    Pages show a moment of somebody's session: nothing may keep them.
+    Pages show the data of a session, so they are never cached.
     """
     values = {**DEFAULTS, "path": request.url.path, **context}
-    templates = environment_in(translations.nearest(values["language"]))
+    templates = environment_in(translations.negotiate_locale(values["language"]))
     html = templates.get_template(template).render(values)
     return HTMLResponse(html, status_code, headers={"Cache-Control": "no-store"})

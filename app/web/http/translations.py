@@ -1,7 +1,7 @@
-"""What our own pages say, in each language that they speak.
+"""Translations of the application's own texts.
 
-English stands in the templates, the scripts and the code. Every other language has a catalogue,
-`locale/<language>/LC_MESSAGES/pbpo.po`, which is read as it is: nothing has to be compiled.
+Templates, scripts and code contain the English texts. Every other language has a catalogue,
+`locale/<language>/LC_MESSAGES/pbpo.po`, which is read directly: nothing has to be compiled.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ SOURCE_LANGUAGE = "en"
 DOMAIN = "pbpo"
 LOCALE = Path(__file__).parents[1] / "locale"
 
-#: Where the words of the pages' scripts stand: only they travel with a page.
+#: Sources of the texts that are sent with a page for its scripts.
 SCRIPTS = "static/js/"
 
 
@@ -33,15 +33,15 @@ def translatable(text: str) -> str:
 
 
 @cache
-def spoken() -> tuple[str, ...]:
-    """Languages that our pages speak; English first."""
+def available_locales() -> tuple[str, ...]:
+    """Languages that the pages are available in; English first."""
     return (SOURCE_LANGUAGE, *sorted(path.parts[-3] for path in LOCALE.glob("*/*/*.po")))
 
 
-def nearest(language: str) -> str:
-    """The language that a page is written in for readers of `language`: English if not theirs."""
+def negotiate_locale(language: str) -> str:
+    """The available language for readers of `language`; English if there is none."""
     base = language.split("-", maxsplit=1)[0]
-    return next((one for one in (language, base) if one in spoken()), SOURCE_LANGUAGE)
+    return next((one for one in (language, base) if one in available_locales()), SOURCE_LANGUAGE)
 
 
 @cache
@@ -52,7 +52,7 @@ def _catalogue(language: str) -> Catalog:
 
 @cache
 def translations(language: str) -> NullTranslations:
-    """The words of `language`, one of `spoken()`."""
+    """The translations of `language`, one of `available_locales()`."""
     if language == SOURCE_LANGUAGE:
         return NullTranslations()
     compiled = io.BytesIO()
@@ -62,30 +62,33 @@ def translations(language: str) -> NullTranslations:
 
 
 def translated(text: str, language: str) -> str:
-    """A text of ours in the language of a page."""
-    return translations(nearest(language)).gettext(text)
+    """The translation of an English text into the language of a page."""
+    return translations(negotiate_locale(language)).gettext(text)
 
 
 def number(value: float, language: str) -> str:
     """A number as readers of the language write it."""
-    return format_decimal(value, locale=nearest(language), decimal_quantization=False)
+    return format_decimal(value, locale=negotiate_locale(language), decimal_quantization=False)
 
 
 def exact_number(value: str, language: str) -> str:
     """A number in ASCII, with the language's decimal mark and no marks for thousands."""
     return format_decimal(
-        Decimal(value), locale=nearest(language), decimal_quantization=False, group_separator=False
+        Decimal(value),
+        locale=negotiate_locale(language),
+        decimal_quantization=False,
+        group_separator=False,
     )
 
 
 def between_sentences(language: str) -> str:
-    """What stands between two sentences of a paragraph: in Japanese nothing."""
+    """The separator of two sentences in a paragraph: empty in Japanese."""
     return "" if language == "ja" else " "
 
 
 @cache
 def script_words(language: str) -> Mapping[str, str]:
-    """What the pages' scripts say: English to `language`, one of `spoken()`; empty for English."""
+    """The texts of the scripts, from English to one of `available_locales()`; empty for English."""
     if language == SOURCE_LANGUAGE:
         return {}
     return {

@@ -1,4 +1,4 @@
-"""The answer that is a video's file, which may go away at any moment until it is open."""
+"""The response with a video's file, which may be deleted at any moment until it is open."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from starlette.types import Message, Receive, Scope, Send
 from app.services.recordings.stores.interface import form_of
 from app.services.runtime.errors import StoreAwayError
 
-#: Bytes that are read at a time. Most videos are one piece.
+#: Bytes read at a time. Most videos fit into one piece.
 PIECE = 1024 * 1024
 
-#: What is asked for by whoever wants all of it: a page that fetches ahead, and a player.
+#: Values of Range that request the whole file: by a page that preloads, and by a player.
 _ALL = (None, "bytes=0-")
 
 
 def answer(file: Path, request: Request, headers: Mapping[str, str]) -> Response:
-    """The file, or the part of it that was asked for."""
+    """The file, or the requested range of it."""
     form, wanted = form_of(file.name), request.headers.get("range")
     is_plain = request.method == "GET" and "if-range" not in request.headers
     content = _one_piece(file) if is_plain and wanted in _ALL else None
@@ -35,7 +35,7 @@ def answer(file: Path, request: Request, headers: Mapping[str, str]) -> Response
 
 
 def _one_piece(file: Path) -> bytes | None:
-    """All of a file that is no longer than a piece; None if it is longer, empty or not there."""
+    """The content of a file of at most `PIECE` bytes; None if it is longer, empty or missing."""
     try:
         with file.open("rb") as opened:
             content = opened.read(PIECE + 1)
@@ -47,7 +47,7 @@ def _one_piece(file: Path) -> bytes | None:
 class _InPieces(FileResponse):
     """A file, by ranges. Raises StoreAwayError, with nothing sent yet, if it cannot be opened."""
 
-    # Each piece is read by another thread, which is waited for.
+    # Each piece is read in a worker thread.
     chunk_size = PIECE
 
     def set_stat_headers(self, stat_result: os.stat_result) -> None:
@@ -62,7 +62,7 @@ class _InPieces(FileResponse):
         is_begun = False
 
         async def send_with_a_piece(message: Message) -> None:
-            # The file is opened after its status is told: the two go together.
+            # Starlette sends the status before it opens the file: hold it back until then.
             nonlocal is_begun
             if message["type"] == "http.response.start":
                 head.append(message)

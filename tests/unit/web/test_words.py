@@ -14,7 +14,7 @@ from babel.messages.pofile import read_po
 from app.web.http import translations
 from app.web.http.templating import ROOT, environment_in
 
-LANGUAGES = translations.spoken()[1:]
+LANGUAGES = translations.available_locales()[1:]
 PLACE = re.compile(r"%\((\w+)\)s")
 TAG = re.compile(r"<[^>]+>")
 
@@ -46,7 +46,7 @@ def forms(text: str | list[str] | tuple[str, ...]) -> tuple[str, ...]:
 
 
 def test_japanese_is_spoken() -> None:
-    assert translations.spoken() == ("en", "ja")
+    assert translations.available_locales() == ("en", "ja")
 
 
 @pytest.mark.parametrize("language", LANGUAGES)
@@ -109,7 +109,7 @@ def test_no_template_of_an_evaluators_page_has_words_that_are_not_marked(templat
     ("language", "spoken"), [("ja", "ja"), ("ja-JP", "ja"), ("en-GB", "en"), ("de", "en")]
 )
 def test_a_language_that_the_pages_do_not_speak_gets_english(language: str, spoken: str) -> None:
-    assert translations.nearest(language) == spoken
+    assert translations.negotiate_locale(language) == spoken
 
 
 def test_numbers_are_written_as_the_language_writes_them() -> None:

@@ -16,9 +16,9 @@ from .own_study import folder, own_study
 __all__ = ["folder", "own_study"]
 
 
-def shown(app: AppContext, db: Session) -> dict[str, int]:
+def shown(app: AppContext, session: Session) -> dict[str, int]:
     """The addresses that a session knows at its present query, and what they stand for."""
-    query = db.state["query"]
+    query = session.state["query"]
     found = {}
     for url in (query["left"]["url"], query["right"]["url"], *query["prefetch"]):
         opened = app.addresses.opened(PurePosixPath(url).stem)

@@ -31,9 +31,9 @@ def at_once(application: FastAPI, calls: Sequence[Callable[[Api], T]]) -> list[T
         return list(threads.map(run, calls))
 
 
-def respond(db: Session, response: str) -> Callable[[Api], httpx.Response]:
-    body = {"query_id": db.state["query"]["id"], "response": response}
-    return lambda api: api.post("/api/v1/session/responses", json=body, headers=db.headers)
+def respond(session: Session, response: str) -> Callable[[Api], httpx.Response]:
+    body = {"query_id": session.state["query"]["id"], "response": response}
+    return lambda api: api.post("/api/v1/session/responses", json=body, headers=session.headers)
 
 
 def test_the_same_response_from_six_tabs_is_stored_once(

@@ -16,13 +16,13 @@ from .client import Api, Session, by_turns
 from .own_study import write_own_study
 
 
-def report(db: Session, **more: object) -> int:
-    body = {"query_id": db.state["query"]["id"], **more}
-    return db.call("faults", body).status_code
+def report(session: Session, **more: object) -> int:
+    body = {"query_id": session.state["query"]["id"], **more}
+    return session.call("faults", body).status_code
 
 
-def urls(db: Session) -> list[str]:
-    return [db.state["query"][side]["url"] for side in ("left", "right")]
+def urls(session: Session) -> list[str]:
+    return [session.state["query"][side]["url"] for side in ("left", "right")]
 
 
 @pytest.fixture

@@ -108,8 +108,8 @@ def test_a_session_sets_a_bounded_number_of_pairs_aside(
     assert session.respond("left").status_code == 200
 
 
-def report(db: Session, events: list[dict[str, Any]]) -> Any:
-    return db.call("faults", {"query_id": db.state["query"]["id"], "events": events})
+def report(session: Session, events: list[dict[str, Any]]) -> Any:
+    return session.call("faults", {"query_id": session.state["query"]["id"], "events": events})
 
 
 def test_a_long_study_keeps_what_its_pages_tell(app: AppContext, study_shelf: StudyShelf) -> None:

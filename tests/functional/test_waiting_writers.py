@@ -32,15 +32,15 @@ def lock(app: AppContext, short_study: StudyInfo) -> Iterator[sqlite3.Connection
         yield other
 
 
-def respond(http: httpx.AsyncClient, db: Session) -> asyncio.Task[httpx.Response]:
-    body = {"query_id": db.state["query"]["id"], "response": "left"}
+def respond(http: httpx.AsyncClient, session: Session) -> asyncio.Task[httpx.Response]:
+    body = {"query_id": session.state["query"]["id"], "response": "left"}
     return asyncio.create_task(
-        http.post("/api/v1/session/responses", json=body, headers=db.headers)
+        http.post("/api/v1/session/responses", json=body, headers=session.headers)
     )
 
 
-def go_on(http: httpx.AsyncClient, db: Session) -> asyncio.Task[httpx.Response]:
-    cookie = {"Cookie": f"pbpo_session_short={db.token}", "Origin": "http://testserver"}
+def go_on(http: httpx.AsyncClient, session: Session) -> asyncio.Task[httpx.Response]:
+    cookie = {"Cookie": f"pbpo_session_short={session.token}", "Origin": "http://testserver"}
     return asyncio.create_task(http.post("/s/short/continue", headers=cookie))
 
 

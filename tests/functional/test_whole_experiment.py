@@ -44,20 +44,20 @@ def plan(app: AppContext, tmp_path: Path) -> Plan:
     return repository.find(app, SLUG).plan
 
 
-def passed(db: Session, clock: Clock) -> list[tuple[str, int, int]]:
+def passed(session: Session, clock: Clock) -> list[tuple[str, int, int]]:
     """Go all the way: each stage with the trial and the query that the page says."""
     stages: list[tuple[str, int, int]] = []
-    while (stage := db.state["stage"]) != "completed":
-        at = db.state["progress"]
+    while (stage := session.state["stage"]) != "completed":
+        at = session.state["progress"]
         stages.append((stage, at["trial"], at["query"]))
         if stage == "familiarisation":
             # Not before all were watched.
-            assert db.go_on().status_code == 409
+            assert session.go_on().status_code == 409
             for index in range(VIDEOS):
-                assert db.call("watched", {"index": index}).status_code == 200
+                assert session.call("watched", {"index": index}).status_code == 200
         if stage == "break":
-            assert db.go_on().status_code == 409
-        assert db.step("left", clock.forward).status_code == 200
+            assert session.go_on().status_code == 409
+        assert session.step("left", clock.forward).status_code == 200
     return stages
 
 

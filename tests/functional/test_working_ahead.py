@@ -20,10 +20,10 @@ def background() -> Background:
     return NoRendering(1)
 
 
-def prefetch(app: AppContext, db: Session) -> list[str]:
+def prefetch(app: AppContext, session: Session) -> list[str]:
     """The addresses to load ahead, once all possible responses have been worked out."""
     app.background.in_thread("after all that", lambda: None).result(timeout=60)
-    return list(db.look()["query"]["prefetch"])
+    return list(session.look()["query"]["prefetch"])
 
 
 @pytest.mark.parametrize("response", ["left", "right"])

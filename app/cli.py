@@ -188,7 +188,9 @@ def study_check(folder: Folder, data_dir: DataDir = None) -> None:
     )
     settings = settings_of(data_dir)
     if settings.database_url or (settings.data_dir / DATABASE_FILE).is_file():
-        taken = slugs.remark(app_context_of(data_dir), plan.slug, slugs.folder_hash(loaded.root))
+        taken = slugs.unavailable_reason(
+            app_context_of(data_dir), plan.slug, slugs.folder_hash(loaded.root)
+        )
         if taken is not None:
             out.print(f"{plan.slug}: {taken}")
 

@@ -106,7 +106,7 @@ def _evaluators(app: AppContext) -> Iterator[tuple[str, str]]:
         if stage != "consent":
             state = stages.consent(app, token, state["consent"]["version"])
         while stage == "query" and state["stage"] != stage:
-            state = stages.go_on(app, token)
+            state = stages.continue_session(app, token)
         yield f"evaluator at {stage}", token
 
 

@@ -50,10 +50,10 @@ def test_an_answer_with_too_many_events_is_taken(
     assert session.state["progress"]["query"] == 2
 
     table = kept(client, api_token)
-    assert len(table) == event_limits.MOST_A_CALL + 2
+    assert len(table) == event_limits.MAX_EVENTS_PER_CALL + 2
     # What is told in the end is among what is kept.
     assert table["event"].to_list()[-3:] == ["watched", "replays", "left_out"]
-    assert left_out(client, api_token) == [number - event_limits.MOST_A_CALL]
+    assert left_out(client, api_token) == [number - event_limits.MAX_EVENTS_PER_CALL]
     (sentence,) = told(app)
     assert sentence.startswith(f"{number - 60:,} event" if number > 61 else "One event")
     assert len(client.table("queries", api_token)["response"].dropna()) == 1
@@ -84,8 +84,8 @@ def test_events_of_unknown_names_are_counted_and_long_values_cut(
 def test_a_session_that_sends_without_end_stores_no_more(
     client: Api, app: AppContext, short_study: StudyInfo, api_token: str, monkeypatch: Any
 ) -> None:
-    monkeypatch.setattr(event_limits, "MOST_A_SESSION", 130)
-    monkeypatch.setattr(event_limits, "A_PAIR", 1)
+    monkeypatch.setattr(event_limits, "MAX_EVENTS_PER_SESSION", 130)
+    monkeypatch.setattr(event_limits, "MAX_EVENTS_PER_PAIR", 1)
     session = client.start().to_first_query()
     for _ in range(4):
         assert report(session, [event()] * 1_000).status_code == 200
@@ -115,9 +115,9 @@ def report(session: Session, events: list[dict[str, Any]]) -> Any:
 def test_a_long_study_keeps_what_its_pages_tell(app: AppContext, study_shelf: StudyShelf) -> None:
     study_shelf.put_into(app, SHORT_PLAN)
     plan = repository.find(app, "short").plan
-    assert event_limits.most_of_a_session(plan) == event_limits.MOST_A_SESSION
+    assert event_limits.max_events(plan) == event_limits.MAX_EVENTS_PER_SESSION
     long = plan.model_copy(update={"queries_per_trial": 100})
-    assert event_limits.most_of_a_session(long) == event_limits.A_PAIR * 100 * plan.trials
+    assert event_limits.max_events(long) == event_limits.MAX_EVENTS_PER_PAIR * 100 * plan.trials
 
 
 def test_every_event_that_a_page_tells_is_known() -> None:
@@ -135,4 +135,4 @@ def test_a_page_sends_no_more_than_is_kept() -> None:
     found = re.search(r"MOST_EVENTS = (\d+);", script)
     assert found is not None
     # Seven come in the end, and the press.
-    assert int(found[1]) + 8 <= event_limits.MOST_A_CALL
+    assert int(found[1]) + 8 <= event_limits.MAX_EVENTS_PER_CALL

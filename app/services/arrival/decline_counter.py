@@ -36,7 +36,7 @@ def count(app: AppContext, slug: str) -> None:
             db.add(DeclinedCount(study_id=study_id, day=day, number=1))
 
 
-def counted(app: AppContext, study_id: int, modes: Sequence[str]) -> int:
+def total(app: AppContext, study_id: int, modes: Sequence[str]) -> int:
     """The study's total number of declines. It is zero unless `modes` includes live sessions."""
     if "live" not in modes:
         return 0

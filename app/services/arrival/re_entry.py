@@ -46,7 +46,7 @@ def refuse_if_known(
     earlier = earlier_session(db, study, _LIVE, ids)
     if earlier is None:
         return
-    proven = names_its_submission(db, study.plan, earlier, ids)
+    proven = has_submission_id(db, study.plan, earlier, ids)
     refuse_if_blocked(db, study.plan, earlier, is_proven=proven)
     if may_resume(app, study.plan, earlier):
         raise KnownPersonError(
@@ -67,7 +67,7 @@ def resume_by_ids(app: AppContext, slug: str, ids: Mapping[str, str]) -> str:
         earlier = earlier_session(db, study, _LIVE, ids)
         if earlier is None:
             raise NotFoundError("expected ids of somebody who has begun this study")
-        proven = names_its_submission(db, study.plan, earlier, ids)
+        proven = has_submission_id(db, study.plan, earlier, ids)
         refuse_if_blocked(db, study.plan, earlier, is_proven=proven)
         if not proven or not may_resume(app, study.plan, earlier):
             raise KnownPersonError(
@@ -117,14 +117,12 @@ def earlier_session(
         .options(joinedload(SessionRow.plan), joinedload(SessionRow.study))
     ).all()
     for row in found:
-        if names_its_submission(db, study.plan, row, ids):
+        if has_submission_id(db, study.plan, row, ids):
             return row
     return found[0] if found else None
 
 
-def names_its_submission(
-    db: Session, plan: Plan, session: SessionRow, ids: Mapping[str, str]
-) -> bool:
+def has_submission_id(db: Session, plan: Plan, session: SessionRow, ids: Mapping[str, str]) -> bool:
     """Whether the ids include the platform's unguessable id of this session's submission."""
     submission = rules.submission(plan.recruitment, ids)
     if submission is None:

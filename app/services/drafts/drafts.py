@@ -265,7 +265,7 @@ def write_text(
                 raise ChangedMeanwhileError(
                     f"expected {name} as it was when this page was opened, and it was changed"
                 )
-        uploads.keep(io.BytesIO(written.encode("utf-8", "replace")), path, LONGEST_TEXT)
+        uploads.write_file(io.BytesIO(written.encode("utf-8", "replace")), path, LONGEST_TEXT)
 
 
 def check(app: AppContext, draft: Draft) -> Checked:
@@ -305,7 +305,7 @@ def create_study(app: AppContext, caller: Principal, draft: Draft) -> repository
         folder,
         caller.account_id,
         actor=caller.email,
-        may_replace=lambda session, study_id: access.may_change(session, caller, study_id),
+        may_replace=lambda db, study_id: access.may_change(db, caller, study_id),
         proof=slugs.Proof(origin=draft_slugs.origin(draft.folder)),
     )
     discard(app, draft)

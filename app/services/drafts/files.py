@@ -58,7 +58,7 @@ def store(folder: Path, sent: Sequence[Sent], limit: int) -> list[str]:
         if is_zip(one):
             stored.extend(uploads.unpack(one.content, folder, left))
             continue
-        uploads.keep(one.content, folder / place, left)
+        uploads.write_file(one.content, folder / place, left)
         stored.append(place)
     return stored
 

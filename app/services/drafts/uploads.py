@@ -58,7 +58,7 @@ def size_of(folder: Path) -> int:
     return sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
 
 
-def keep(content: IO[bytes], target: Path, limit: int) -> int:
+def write_file(content: IO[bytes], target: Path, limit: int) -> int:
     """Write an uploaded file to `target`, atomically; return its size in bytes.
 
     Raises UploadRefusedError if it is larger than `limit` bytes or cannot be written.

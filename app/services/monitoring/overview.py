@@ -63,7 +63,7 @@ def overview(app: AppContext, study: StudyInfo, mode: str) -> Overview:
     minutes = median_minutes(lines)
     reward = study.plan.reward
     deleted = session_list.deleted(app, study.id, modes)
-    declined = decline_counter.counted(app, study.id, modes)
+    declined = decline_counter.total(app, study.id, modes)
     return Overview(
         stamp=now,
         counts={

@@ -32,7 +32,7 @@ def describe(app: AppContext, request: Request) -> Report:
         digest.update(piece)
     everybody = watched.sessions(app, study, request.modes)
     deleted = watched.deleted(app, study.id, request.modes)
-    declined = decline_counter.counted(app, study.id, request.modes)
+    declined = decline_counter.total(app, study.id, request.modes)
     with app.database.read() as db:
         rests_on = answers_of(db, request)
         lines = [line for line in everybody if line.session_id in rests_on.sessions]

@@ -23,10 +23,10 @@ from . import queries
 from .queries import ClientEvent
 
 #: Per call. A pair that is watched, replayed and left for another window produces about 30.
-MOST_A_CALL: Final = 60
-#: Per session, or `A_PAIR` for each pair of its plan if that is more.
-MOST_A_SESSION: Final = 2_000
-A_PAIR: Final = 30
+MAX_EVENTS_PER_CALL: Final = 60
+#: Per session, or `MAX_EVENTS_PER_PAIR` for each pair of its plan if that is more.
+MAX_EVENTS_PER_SESSION: Final = 2_000
+MAX_EVENTS_PER_PAIR: Final = 30
 #: The longest value, in characters.
 LONGEST_VALUE: Final = 100
 
@@ -44,7 +44,7 @@ NAMES: Final = frozenset(
 )
 
 
-def keep(
+def store(
     db: Session,
     session: SessionRow,
     query: QueryRow,
@@ -58,7 +58,7 @@ def keep(
     """
     known = [one for one in client_events if one.event in NAMES]
     # One more than the limit: the number of replays comes with a response in addition.
-    kept = known[: min(MOST_A_CALL + 1, _room(db, session))]
+    kept = known[: min(MAX_EVENTS_PER_CALL + 1, _room(db, session))]
     left_out += len(client_events) - len(kept)
     if left_out:
         last = max((one.time_ms for one in client_events), default=0.0)
@@ -67,14 +67,14 @@ def keep(
     queries.store_events(db, session, query, kept)
 
 
-def most_of_a_session(plan: Plan) -> int:
+def max_events(plan: Plan) -> int:
     """How many events of a session under this plan are stored."""
     pairs = plan.trials * plan.queries_per_trial + plan.practice.queries
-    return max(MOST_A_SESSION, A_PAIR * pairs)
+    return max(MAX_EVENTS_PER_SESSION, MAX_EVENTS_PER_PAIR * pairs)
 
 
 def _room(db: Session, session: SessionRow) -> int:
     """How many more events of this session may be stored."""
-    most = most_of_a_session(stored_plan(session.plan))
-    there = select(Event.id).where(Event.session_id == session.id).limit(most).subquery()
-    return most - (db.scalar(select(func.count()).select_from(there)) or 0)
+    limit = max_events(stored_plan(session.plan))
+    there = select(Event.id).where(Event.session_id == session.id).limit(limit).subquery()
+    return limit - (db.scalar(select(func.count()).select_from(there)) or 0)

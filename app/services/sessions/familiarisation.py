@@ -15,7 +15,7 @@ from app.study.assignment import sample_familiarisation
 _DRAW = 102
 
 
-def clips(app: AppContext, session: SessionRow) -> tuple[RecordingRef, ...]:
+def videos(app: AppContext, session: SessionRow) -> tuple[RecordingRef, ...]:
     """The videos before the coming trial, drawn from the session's seed: the same on each call."""
     plan = stored_plan(session.plan)
     if plan.blocks == "environment":
@@ -24,9 +24,9 @@ def clips(app: AppContext, session: SessionRow) -> tuple[RecordingRef, ...]:
     else:
         environments = plan_of(session).used_environments
     found = [
-        clip
+        recording
         for environment in environments
-        for clip in app.proposer.candidate_set(session.study_id, environment).all_recordings
+        for recording in app.proposer.candidate_set(session.study_id, environment).all_recordings
     ]
     block = session.trial_index // plan_of(session).trials_per_block
     rng = np.random.default_rng([session.seed, _DRAW, *([block] if block else [])])
@@ -34,7 +34,7 @@ def clips(app: AppContext, session: SessionRow) -> tuple[RecordingRef, ...]:
     return tuple(found[index] for index in drawn)
 
 
-def test_clips(app: AppContext, session: SessionRow) -> tuple[RecordingRef, ...]:
+def device_check_videos(app: AppContext, session: SessionRow) -> tuple[RecordingRef, ...]:
     """The video of the session's device check: the study's first one, or none without a check."""
     plan = stored_plan(session.plan)
     if plan.device_check is None:
@@ -45,25 +45,25 @@ def test_clips(app: AppContext, session: SessionRow) -> tuple[RecordingRef, ...]
 
 def watched(session: SessionRow) -> list[int]:
     """Indices within this playlist, from 0, of the videos that were watched to the end."""
-    first, size = _places(session)
+    first, size = _playlist_range(session)
     return sorted(place - first for place in session.watched if first <= place < first + size)
 
 
-def first_place(session: SessionRow) -> int:
+def first_index(session: SessionRow) -> int:
     """The index of this playlist's first video in all playlists of the session taken together."""
-    return _places(session)[0]
+    return _playlist_range(session)[0]
 
 
 def mark_watched(session: SessionRow, index: int) -> None:
     """Record that the video with this index was watched to the end. Raises NotFoundError."""
-    first, size = _places(session)
+    first, size = _playlist_range(session)
     if not 0 <= index < size:
         raise NotFoundError(f"expected a video's place from 0 to {size - 1}, got {index}")
     # Assigned anew: SQLAlchemy does not track changes within a list.
     session.watched = sorted({*session.watched, first + index})
 
 
-def _places(session: SessionRow) -> tuple[int, int]:
+def _playlist_range(session: SessionRow) -> tuple[int, int]:
     """Where this block's playlist begins among all of the session, and its length."""
     plan = stored_plan(session.plan)
     size = plan.familiarisation.videos

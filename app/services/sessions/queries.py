@@ -158,7 +158,7 @@ def number_set_aside(db: Session, session: SessionRow) -> int:
 def store_events(
     db: Session, session: SessionRow, query: QueryRow, client_events: Iterable[ClientEvent]
 ) -> None:
-    """Insert client events of a query. `event_limits.keep` applies the limits."""
+    """Insert client events of a query. `event_limits.store` applies the limits."""
     seen = [
         {
             "session_id": session.id,

@@ -171,7 +171,7 @@ def _store(
     }
     insert_rows(db, Response, [given])
     set_committed_value(query, "response", Response(**given))
-    event_limits.keep(db, session, query, answer.client_events, answer.left_out, now)
+    event_limits.store(db, session, query, answer.client_events, answer.left_out, now)
     if step is None:
         _continue_practice(app, db, session, query, now)
         return None
@@ -264,7 +264,7 @@ def report_fault(app: AppContext, token: str, report: FaultReport) -> State:
         now = app.now()
         query.set_aside_at = now
         query.fault = report.reason
-        event_limits.keep(db, session, query, report.client_events, report.left_out, now)
+        event_limits.store(db, session, query, report.client_events, report.left_out, now)
         queries.close_events(db, session, query, "set_aside")
         db.add(trial_start.query_row(instead, now, trial_id=query.trial_id, attempt=len(tried)))
         session.last_seen_at = now

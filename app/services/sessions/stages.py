@@ -63,8 +63,8 @@ def consent(app: AppContext, token: str, version: str, *, successor: str | None 
             db.execute(delete(Reentry).where(Reentry.session_id == session.id))
         state = session_state.describe(app, db, session)
         first = trial_start.first_query(app, session)
-        coming = [*familiarisation.test_clips(app, session), first.left, first.right]
-        coming.extend(familiarisation.clips(app, session))
+        coming = [*familiarisation.device_check_videos(app, session), first.left, first.right]
+        coming.extend(familiarisation.videos(app, session))
     app.proposer.render(coming)
     return state
 
@@ -80,7 +80,7 @@ def successor_of(app: AppContext, token: str, browser: str) -> str:
     return form_token(app.secret.key("tokens at consent"), "successor", browser, token)
 
 
-def go_on(
+def continue_session(
     app: AppContext, token: str, device: Device | None = None, *, leaving: str | None = None
 ) -> State:
     """Leave a page that needs no input. Raises a ProtocolError that says what is missing.

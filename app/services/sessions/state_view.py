@@ -74,7 +74,7 @@ def describe(
                 "videos": [
                     query_view.video(app, session, clip, (FAMILIARISATION, place))
                     for place, clip in enumerate(
-                        familiarisation.clips(app, session), familiarisation.first_place(session)
+                        familiarisation.videos(app, session), familiarisation.first_index(session)
                     )
                 ],
                 "required": plan.familiarisation.required,
@@ -150,7 +150,7 @@ def _device_check(app: AppContext, session: SessionRow, plan: Plan) -> dict[str,
     assert check is not None
     return {
         "clip": query_view.video(
-            app, session, familiarisation.test_clips(app, session)[0], (DEVICE_CHECK, 0)
+            app, session, familiarisation.device_check_videos(app, session)[0], (DEVICE_CHECK, 0)
         ),
         "test_clip": check.test_clip,
         "min_width_px": check.min_width_px,

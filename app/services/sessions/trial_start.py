@@ -31,7 +31,7 @@ def enter_stage(app: AppContext, db: Session, session: SessionRow) -> None:
         coming = [first.left, first.right]
         plan = repository.plan_of(session)
         if plan.familiarises_before(session.trial_index):
-            coming = [*familiarisation.clips(app, session), *coming]
+            coming = [*familiarisation.videos(app, session), *coming]
         app.proposer.render(coming)
 
 

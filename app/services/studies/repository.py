@@ -99,7 +99,7 @@ def create(
     owner_id: int | None = None,
     *,
     actor: str = audit_log.COMMAND_LINE,
-    may_replace: Callable[[Session, int], bool] = lambda _session, _study_id: True,
+    may_replace: Callable[[Session, int], bool] = lambda _db, _study_id: True,
     proof: slugs.Proof = slugs.NONE,
 ) -> StudyInfo:
     """Store a study as a draft, in place of an earlier draft that is proven to be the same study.
@@ -109,7 +109,7 @@ def create(
     returned unchanged.
 
     owner_id: the account that will own the study; None leaves it to the admins. may_replace: called
-    with the session and the id of an earlier draft; whether the caller may replace it.
+    with `db` and the id of an earlier draft; whether the caller may replace it.
 
     Raises SlugTakenError if another draft has the slug, and ConflictError if a study with the slug
     is or was open, since its plan is final.

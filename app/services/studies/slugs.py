@@ -70,7 +70,7 @@ def require_same(db: Session, earlier: Study, folder: str, proof: Proof = NONE) 
     )
 
 
-def remark(app: AppContext, slug: str, folder: str) -> str | None:
+def unavailable_reason(app: AppContext, slug: str, folder: str) -> str | None:
     """A sentence on why a study from this folder cannot have the slug; None if it can.
 
     folder: its `folder_hash`.

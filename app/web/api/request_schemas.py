@@ -14,7 +14,7 @@ from pydantic import (
 )
 from pydantic_core import PydanticCustomError
 
-from app.services.sessions.event_limits import LONGEST_VALUE, MOST_A_CALL, NAMES
+from app.services.sessions.event_limits import LONGEST_VALUE, MAX_EVENTS_PER_CALL, NAMES
 
 #: No text has a NUL: PostgreSQL holds none, and every database takes the same.
 Plain = Annotated[str, StringConstraints(pattern=r"^[^\x00]*$")]
@@ -130,10 +130,10 @@ class Happened(_In):
 #: What is looked at of the events of one call: the first ones, and the last, which tell how much
 #: was watched. The others are counted.
 LAST_EVENTS: Final = 20
-FIRST_EVENTS: Final = MOST_A_CALL - LAST_EVENTS
+FIRST_EVENTS: Final = MAX_EVENTS_PER_CALL - LAST_EVENTS
 _LEFT_OUT = "events_left_out"
 _EVENTS = (
-    f"What was seen. Of more than {MOST_A_CALL}, the first {FIRST_EVENTS} and the last"
+    f"What was seen. Of more than {MAX_EVENTS_PER_CALL}, the first {FIRST_EVENTS} and the last"
     f" {LAST_EVENTS} are kept; the others, and those of other names, are counted."
 )
 

@@ -112,7 +112,7 @@ def go_on(app: AppDep, token: SessionToken, body: GoOn | None = None) -> State:
     """Leave a page that only has to be left. The device check wants what was measured."""
     measured = body.device if body is not None else None
     device = Device(**measured.model_dump()) if measured is not None else None
-    return stages.go_on(app, token, device)
+    return stages.continue_session(app, token, device)
 
 
 @of_session.post("/screen-out", responses=refusals(401, 410, 403, 409), **STATE)

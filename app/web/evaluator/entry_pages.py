@@ -195,7 +195,11 @@ def go_on(
     slug: str, request: Request, app: AppDep, leaving: Annotated[str | None, Form()] = None
 ) -> Response:
     """Continue to the next stage. leaving: the stage of the page; another tab may have left it."""
-    return do(request, slug, lambda: stages.go_on(app, token_of(request, slug), leaving=leaving))
+    return do(
+        request,
+        slug,
+        lambda: stages.continue_session(app, token_of(request, slug), leaving=leaving),
+    )
 
 
 def _way_back_of(

@@ -1,1 +1,1 @@
-"""The use cases: each takes the studio, does one thing in one transaction, and returns values."""
+"""The use cases: functions of the application context, which return plain values."""

@@ -20,8 +20,8 @@ _OF_TWO_AT_ONCE = frozenset(
 
 def is_conflict(error: Exception) -> bool:
     """Whether the error is a unique or foreign key violation, as of concurrent requests."""
-    refused = error.orig if isinstance(error, IntegrityError) else None
-    codes = (getattr(refused, name, None) for name in ("sqlstate", "sqlite_errorname"))
+    original = error.orig if isinstance(error, IntegrityError) else None
+    codes = (getattr(original, name, None) for name in ("sqlstate", "sqlite_errorname"))
     return any(code in _OF_TWO_AT_ONCE for code in codes)
 
 
@@ -30,8 +30,8 @@ def redact_parameters(context: ExceptionContext) -> None:
 
     PostgreSQL's full message contains the row's values, and errors are logged.
     """
-    refused, told = context.original_exception, context.sqlalchemy_exception
-    rule = getattr(getattr(refused, "diag", None), "message_primary", None)
-    if rule is not None and isinstance(told, IntegrityError | DataError):
-        told.args = (str(told.args[0]).replace(str(refused), rule),)
-        refused.args = (rule,)
+    original, wrapped = context.original_exception, context.sqlalchemy_exception
+    rule = getattr(getattr(original, "diag", None), "message_primary", None)
+    if rule is not None and isinstance(wrapped, IntegrityError | DataError):
+        wrapped.args = (str(wrapped.args[0]).replace(str(original), rule),)
+        original.args = (rule,)

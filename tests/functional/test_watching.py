@@ -409,8 +409,8 @@ def test_a_session_of_another_study_is_not_found_in_this_one(
         (Evidence(attention=4, attention_failed=1), ()),
         (Evidence(repeats=4, repeats_failed=3), (Flag.FAILED_CHECKS,)),
         (Evidence(repeats=4, repeats_failed=2), ()),
-        (Evidence(told=20, unwatched=5), (Flag.UNWATCHED,)),
-        (Evidence(told=20, unwatched=4), ()),
+        (Evidence(reported=20, unwatched=5), (Flag.UNWATCHED,)),
+        (Evidence(reported=20, unwatched=4), ()),
         (Evidence(set_aside=1), (Flag.FAULTS,)),
     ],
 )

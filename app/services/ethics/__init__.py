@@ -1,1 +1,1 @@
-"""What an ethics board asks of a study to show, worked out from the study itself."""
+"""Documents for an ethics board, generated from the study: texts, data inventory, screenshots."""

@@ -1,4 +1,4 @@
-"""The ethics bundle: everything that a board asks for, as files of one zip, alike each time."""
+"""The ethics bundle: all documents for an ethics board as one reproducible zip."""
 
 from __future__ import annotations
 
@@ -27,17 +27,17 @@ from app.study import markdown as study_markdown
 
 from . import bundle_job, data_inventory
 
-#: The texts of a study in the order in which people read them.
+#: The texts of a study in the order in which participants read them.
 ORDER = ("welcome", "consent", "instructions", "debrief")
 
 
-#: How long what was laid ready waits for its job.
-_LAID_FOR = timedelta(days=7)
+#: Age after which files staged for a job are deleted.
+_STAGED_FOR = timedelta(days=7)
 
 
 @dataclass(frozen=True)
 class Text:
-    """One text of one language: consent has a version that each agreement names."""
+    """One text in one language. consent_version: of the consent only, as stored with consents."""
 
     plan_version: int
     language: str
@@ -57,12 +57,12 @@ class Version:
 
 
 def versions(app: AppContext, study: StudyInfo) -> list[Version]:
-    """Every version, the first first."""
+    """All versions of the plan, oldest first."""
     return [Version(row.version, row.plan_hash, row.created_at) for row in _versions(app, study)]
 
 
 def texts_of(app: AppContext, study: StudyInfo) -> list[Text]:
-    """Every text of every version, in every language."""
+    """All texts of all versions in all languages."""
     return [
         Text(
             row.version,
@@ -79,7 +79,7 @@ def texts_of(app: AppContext, study: StudyInfo) -> list[Text]:
 
 
 def documents(app: AppContext, study: StudyInfo) -> dict[str, bytes]:
-    """The files of the bundle but for the screens, by name."""
+    """The files of the bundle by name, without the pages."""
     found = {
         f"texts/version-{text.plan_version}/{text.language}/{text.name}.md": text.markdown.encode()
         for text in texts_of(app, study)
@@ -92,14 +92,14 @@ def documents(app: AppContext, study: StudyInfo) -> dict[str, bytes]:
 
 @dataclass(frozen=True)
 class BundleInfo:
-    """A bundle that was made, and when."""
+    """A finished bundle. made_at: its modification time."""
 
     path: Path
     made_at: datetime
 
 
 def made(app: AppContext, study: StudyInfo) -> BundleInfo | None:
-    """The study's bundle; None if there is none yet."""
+    """The study's finished bundle; None if there is none yet."""
     path = bundle_job.bundle_path(app.settings, study.id)
     try:
         return BundleInfo(path, datetime.fromtimestamp(path.stat().st_mtime, UTC))
@@ -110,7 +110,10 @@ def made(app: AppContext, study: StudyInfo) -> BundleInfo | None:
 def request_bundle(
     app: AppContext, caller: Principal, study: StudyInfo, pages: Mapping[str, str]
 ) -> jobs.JobInfo:
-    """Ask for the study's bundle. pages: HTML of every screen by `LANGUAGE/NAME`."""
+    """Stage the files and enqueue the job that makes the bundle.
+
+    pages: HTML of every page by `LANGUAGE/NAME`. Raises NoRoomError.
+    """
     disk_quota.require(app.settings, bundle_job.folder(app.settings))
     files = {f"{bundle_job.SCREENS}/{name}.html": html.encode() for name, html in pages.items()}
     files.update(documents(app, study))
@@ -122,7 +125,7 @@ def request_bundle(
 
 
 def under_way(app: AppContext, caller: Principal, study: StudyInfo) -> jobs.JobInfo | None:
-    """The newest job that makes the study's bundle, if it is the caller's; revived if need be."""
+    """The newest job for the study's bundle if it is the caller's, otherwise None."""
     job = jobs.newest(app, bundle_job.KIND, study_id=study.id)
     try:
         return None if job is None else jobs.status(app, caller, job.public_id)
@@ -131,7 +134,10 @@ def under_way(app: AppContext, caller: Principal, study: StudyInfo) -> jobs.JobI
 
 
 def sweep(app: AppContext, stop: Callable[[], bool] = lambda: False) -> int:
-    """Remove bundles of studies that are gone, and what was laid ready for a job that never ran."""
+    """Delete bundles of deleted studies and old staged files; returns the number of deletions.
+
+    stop: called before each; True ends the cleanup.
+    """
     folder = bundle_job.folder(app.settings)
     with app.database.read() as db:
         there = {str(study_id) for study_id in db.scalars(select(Study.id))}
@@ -140,7 +146,7 @@ def sweep(app: AppContext, stop: Callable[[], bool] = lambda: False) -> int:
         if stop():
             break
         age = app.now() - datetime.fromtimestamp(path.stat().st_mtime, UTC)
-        if path.is_dir() and age > _LAID_FOR:
+        if path.is_dir() and age > _STAGED_FOR:
             shutil.rmtree(path, ignore_errors=True)
         elif path.suffix == ".zip" and path.stem not in there:
             path.unlink(missing_ok=True)

@@ -1,7 +1,7 @@
-"""Making the ethics bundle, a job of minutes: pictures of its pages, and one zip of everything.
+"""The job that makes an ethics bundle, which takes minutes: screenshots of its pages, and the zip.
 
-What goes into it is laid ready when it is asked for, so that the bundle shows the study as it was
-then. The zip takes the place of the study's former one.
+The files are staged when the bundle is requested, so that it shows the study as it was then. The
+zip replaces the study's earlier one.
 """
 
 from __future__ import annotations
@@ -20,22 +20,25 @@ from app.services.runtime.settings import Settings
 from . import screenshots
 
 KIND = "ethics"
-#: Pages lie in this folder of the bundle, by language.
+#: Folder of the pages within the bundle, with a subfolder for each language.
 SCREENS = "screens"
 
 
 def bundle_path(settings: Settings, study_id: int) -> Path:
-    """Where a study's bundle is, once it was made. A study's id never comes again."""
+    """Path of a study's bundle. Study ids are never reused."""
     return folder(settings) / f"{study_id}.zip"
 
 
 def folder(settings: Settings) -> Path:
-    """Where bundles are kept, and what is laid ready for those to come."""
+    """Folder of the bundles and of staged files."""
     return settings.data_dir / "ethics"
 
 
 def stage_files(settings: Settings, files: Mapping[str, bytes], account_id: int) -> str:
-    """Keep what the bundle is made of; its name: the same files of one account have the same."""
+    """Write the files of a bundle to a staging folder, and return its name.
+
+    The name is derived from the account and the files, so that the same request is one job.
+    """
     content = hashlib.sha256()
     for name in sorted(files):
         content.update(name.encode() + b"\0" + hashlib.sha256(files[name]).digest())
@@ -48,7 +51,7 @@ def stage_files(settings: Settings, files: Mapping[str, bytes], account_id: int)
 
 
 def make_bundle(settings: Settings, request: Mapping[str, Any], report: ProgressCallback) -> str:
-    """The work of a job: the zip of what was laid ready, with a picture of every page."""
+    """The job handler: zips the staged files with a screenshot of every page."""
     laid = folder(settings) / str(request["laid"])
     target = bundle_path(settings, int(request["study_id"]))
     pages = sorted((laid / SCREENS).rglob("*.html"))
@@ -61,7 +64,7 @@ def make_bundle(settings: Settings, request: Mapping[str, Any], report: Progress
             page.with_suffix(".png").write_bytes(picture)
             taken += 1
     files = sorted(path for path in laid.rglob("*") if path.is_file())
-    # Begun again after it was all but done: the bundle is there.
+    # Restarted after the bundle was finished.
     if files:
         _zip(laid, files, target)
         shutil.rmtree(laid, ignore_errors=True)
@@ -69,7 +72,7 @@ def make_bundle(settings: Settings, request: Mapping[str, Any], report: Progress
 
 
 def _zip(root: Path, files: list[Path], target: Path) -> None:
-    """One zip of these files, whole or not at all: the same files give the same bytes."""
+    """Write a zip of these files atomically. The same files give the same bytes."""
     part = target.with_name(f"{target.name}.part")
     with (
         private_files.written(part) as file,

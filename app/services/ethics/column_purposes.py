@@ -1,4 +1,4 @@
-"""Every column that is stored, with what it is for: a test fails where one has no purpose."""
+"""The purpose of every stored column. A test fails if a column has none."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 
-class Whose(StrEnum):
-    """Whom what is stored is about."""
+class DataSubject(StrEnum):
+    """The subject of the data in a table."""
 
     ANSWERS = "a participant, under a pseudonym"
     IDENTITIES = "a participant, as a platform calls them"
@@ -19,19 +19,19 @@ class Whose(StrEnum):
 
 
 @dataclass(frozen=True)
-class Stored:
-    """One table: whom it is about, and the purpose of each of its columns."""
+class StoredTable:
+    """One table: its subject, and the purpose of each column."""
 
-    whose: Whose
+    subject: DataSubject
     purposes: Mapping[str, str]
 
 
 _ID = "Joins this row to others."
 _MADE = "When this was made, for the record."
 
-STORED: Mapping[str, Stored] = {
-    "participants": Stored(
-        Whose.ANSWERS,
+STORED: Mapping[str, StoredTable] = {
+    "participants": StoredTable(
+        DataSubject.ANSWERS,
         {
             "id": _ID,
             "study_id": _ID,
@@ -39,8 +39,8 @@ STORED: Mapping[str, Stored] = {
             "created_at": "When the person first came: the flow of participants over time.",
         },
     ),
-    "identities": Stored(
-        Whose.IDENTITIES,
+    "identities": StoredTable(
+        DataSubject.IDENTITIES,
         {
             "id": _ID,
             "participant_id": _ID,
@@ -49,8 +49,8 @@ STORED: Mapping[str, Stored] = {
             "created_at": "When it was given: its deletion is counted from the session's end.",
         },
     ),
-    "sessions": Stored(
-        Whose.ANSWERS,
+    "sessions": StoredTable(
+        DataSubject.ANSWERS,
         {
             "id": _ID,
             "public_id": "A random name of the session, for exports.",
@@ -78,8 +78,8 @@ STORED: Mapping[str, Stored] = {
             "expires_at": "When an unfinished session can no longer be taken up.",
         },
     ),
-    "consents": Stored(
-        Whose.ANSWERS,
+    "consents": StoredTable(
+        DataSubject.ANSWERS,
         {
             "id": _ID,
             "session_id": _ID,
@@ -88,8 +88,8 @@ STORED: Mapping[str, Stored] = {
             "agreed_at": "When the person agreed.",
         },
     ),
-    "declined_counts": Stored(
-        Whose.COUNT,
+    "declined_counts": StoredTable(
+        DataSubject.COUNT,
         {
             "id": _ID,
             "study_id": _ID,
@@ -97,8 +97,8 @@ STORED: Mapping[str, Stored] = {
             "number": "How often somebody declined: the flow of participants.",
         },
     ),
-    "reentries": Stored(
-        Whose.ANSWERS,
+    "reentries": StoredTable(
+        DataSubject.ANSWERS,
         {
             "id": _ID,
             "session_id": _ID,
@@ -107,8 +107,8 @@ STORED: Mapping[str, Stored] = {
             "created_at": _MADE,
         },
     ),
-    "trials": Stored(
-        Whose.ANSWERS,
+    "trials": StoredTable(
+        DataSubject.ANSWERS,
         {
             "id": _ID,
             "session_id": _ID,
@@ -121,8 +121,8 @@ STORED: Mapping[str, Stored] = {
             "ended_at": "Duration of each part.",
         },
     ),
-    "queries": Stored(
-        Whose.ANSWERS,
+    "queries": StoredTable(
+        DataSubject.ANSWERS,
         {
             "id": _ID,
             "public_id": "A random name of the pair, for the browser that shows it.",
@@ -144,8 +144,8 @@ STORED: Mapping[str, Stored] = {
             "fault": "Which technical fault: videos that did not play.",
         },
     ),
-    "responses": Stored(
-        Whose.ANSWERS,
+    "responses": StoredTable(
+        DataSubject.ANSWERS,
         {
             "id": _ID,
             "query_id": _ID,
@@ -156,8 +156,8 @@ STORED: Mapping[str, Stored] = {
             "plan_id": "Under which version of plan and consent it was given.",
         },
     ),
-    "undone_responses": Stored(
-        Whose.ANSWERS,
+    "undone_responses": StoredTable(
+        DataSubject.ANSWERS,
         {
             "id": _ID,
             "query_id": _ID,
@@ -168,8 +168,8 @@ STORED: Mapping[str, Stored] = {
             "undone_at": "When it was taken back.",
         },
     ),
-    "preferences": Stored(
-        Whose.ANSWERS,
+    "preferences": StoredTable(
+        DataSubject.ANSWERS,
         {
             "id": _ID,
             "trial_id": _ID,
@@ -181,8 +181,8 @@ STORED: Mapping[str, Stored] = {
             "drawn_from_query_index": "From which earlier answer it was worked out.",
         },
     ),
-    "acquired": Stored(
-        Whose.ANSWERS,
+    "acquired": StoredTable(
+        DataSubject.ANSWERS,
         {
             "id": _ID,
             "trial_id": _ID,
@@ -192,8 +192,8 @@ STORED: Mapping[str, Stored] = {
             "posterior_std": "How sure it was.",
         },
     ),
-    "events": Stored(
-        Whose.ANSWERS,
+    "events": StoredTable(
+        DataSubject.ANSWERS,
         {
             "id": _ID,
             "session_id": _ID,
@@ -206,8 +206,8 @@ STORED: Mapping[str, Stored] = {
             "value": "A measure that goes with it, such as a width or a number of replays.",
         },
     ),
-    "questionnaire_answers": Stored(
-        Whose.ANSWERS,
+    "questionnaire_answers": StoredTable(
+        DataSubject.ANSWERS,
         {
             "id": _ID,
             "session_id": _ID,
@@ -217,8 +217,8 @@ STORED: Mapping[str, Stored] = {
             "answered_at": "When it was answered.",
         },
     ),
-    "tombstones": Stored(
-        Whose.COUNT,
+    "tombstones": StoredTable(
+        DataSubject.COUNT,
         {
             "id": _ID,
             "study_id": _ID,
@@ -228,8 +228,8 @@ STORED: Mapping[str, Stored] = {
             "deleted_at": "On which day; not at which moment, which could be matched.",
         },
     ),
-    "fault_counts": Stored(
-        Whose.COUNT,
+    "fault_counts": StoredTable(
+        DataSubject.COUNT,
         {
             "id": _ID,
             "study_id": _ID,
@@ -239,8 +239,8 @@ STORED: Mapping[str, Stored] = {
             "last_at": "When last, to find it in the server's log.",
         },
     ),
-    "studies": Stored(
-        Whose.STUDY,
+    "studies": StoredTable(
+        DataSubject.STUDY,
         {
             "id": _ID,
             "slug": "The study's name in its address.",
@@ -253,8 +253,8 @@ STORED: Mapping[str, Stored] = {
             "conditions_off": "Conditions that new sessions are not given any more.",
         },
     ),
-    "plans": Stored(
-        Whose.STUDY,
+    "plans": StoredTable(
+        DataSubject.STUDY,
         {
             "id": _ID,
             "study_id": _ID,
@@ -265,8 +265,8 @@ STORED: Mapping[str, Stored] = {
             "created_at": _MADE,
         },
     ),
-    "candidates": Stored(
-        Whose.STUDY,
+    "candidates": StoredTable(
+        DataSubject.STUDY,
         {
             "id": _ID,
             "study_id": _ID,
@@ -275,8 +275,8 @@ STORED: Mapping[str, Stored] = {
             "parameters": "What is compared.",
         },
     ),
-    "recordings": Stored(
-        Whose.STUDY,
+    "recordings": StoredTable(
+        DataSubject.STUDY,
         {
             "id": _ID,
             "candidate_id": _ID,
@@ -289,8 +289,8 @@ STORED: Mapping[str, Stored] = {
             "score": "A measure of the recording, for comparison with what people prefer.",
         },
     ),
-    "entry_links": Stored(
-        Whose.STUDY,
+    "entry_links": StoredTable(
+        DataSubject.STUDY,
         {
             "id": _ID,
             "study_id": _ID,
@@ -300,8 +300,8 @@ STORED: Mapping[str, Stored] = {
             "used_at": "That it was used.",
         },
     ),
-    "accounts": Stored(
-        Whose.STAFF,
+    "accounts": StoredTable(
+        DataSubject.STAFF,
         {
             "id": _ID,
             "email": "Who signs in.",
@@ -311,8 +311,8 @@ STORED: Mapping[str, Stored] = {
             "disabled_at": "Since when nobody can sign in with it.",
         },
     ),
-    "sign_ins": Stored(
-        Whose.STAFF,
+    "sign_ins": StoredTable(
+        DataSubject.STAFF,
         {
             "id": _ID,
             "account_id": _ID,
@@ -321,8 +321,8 @@ STORED: Mapping[str, Stored] = {
             "expires_at": "When it ends by itself.",
         },
     ),
-    "api_tokens": Stored(
-        Whose.STAFF,
+    "api_tokens": StoredTable(
+        DataSubject.STAFF,
         {
             "id": _ID,
             "account_id": _ID,
@@ -333,8 +333,8 @@ STORED: Mapping[str, Stored] = {
             "expires_at": "When it ends by itself.",
         },
     ),
-    "invitations": Stored(
-        Whose.STAFF,
+    "invitations": StoredTable(
+        DataSubject.STAFF,
         {
             "id": _ID,
             "token_hash": "Lets somebody choose a password, once.",
@@ -345,16 +345,16 @@ STORED: Mapping[str, Stored] = {
             "used_at": "That it was used.",
         },
     ),
-    "failed_sign_ins": Stored(
-        Whose.STAFF,
+    "failed_sign_ins": StoredTable(
+        DataSubject.STAFF,
         {
             "id": _ID,
             "key_hash": "Counts tries for an address, to slow down who guesses passwords.",
             "failed_at": "Forgotten after 15 minutes.",
         },
     ),
-    "study_access": Stored(
-        Whose.STAFF,
+    "study_access": StoredTable(
+        DataSubject.STAFF,
         {
             "id": _ID,
             "study_id": _ID,
@@ -363,8 +363,8 @@ STORED: Mapping[str, Stored] = {
             "created_at": _MADE,
         },
     ),
-    "deleted_studies": Stored(
-        Whose.COUNT,
+    "deleted_studies": StoredTable(
+        DataSubject.COUNT,
         {
             "id": _ID,
             "slug": "What the deleted study's address was, so that it can be told from a mistake.",
@@ -372,8 +372,8 @@ STORED: Mapping[str, Stored] = {
             "deleted_on": "The day of the deletion.",
         },
     ),
-    "deleted_sessions": Stored(
-        Whose.COUNT,
+    "deleted_sessions": StoredTable(
+        DataSubject.COUNT,
         {
             "id": _ID,
             "deleted_study_id": _ID,
@@ -381,8 +381,8 @@ STORED: Mapping[str, Stored] = {
             " random letters, removed after 30 days.",
         },
     ),
-    "audit_events": Stored(
-        Whose.STAFF,
+    "audit_events": StoredTable(
+        DataSubject.STAFF,
         {
             "id": _ID,
             "happened_at": "When it was done.",
@@ -392,8 +392,8 @@ STORED: Mapping[str, Stored] = {
             "details": "With what: numbers and accounts, never a participant's answers.",
         },
     ),
-    "jobs": Stored(
-        Whose.STAFF,
+    "jobs": StoredTable(
+        DataSubject.STAFF,
         {
             "id": _ID,
             "public_id": "A random name for the page that watches the work.",
@@ -411,8 +411,8 @@ STORED: Mapping[str, Stored] = {
             "ended_at": "When it was done.",
         },
     ),
-    "study_drafts": Stored(
-        Whose.STAFF,
+    "study_drafts": StoredTable(
+        DataSubject.STAFF,
         {
             "id": _ID,
             "public_id": "A random name for its address.",
@@ -422,8 +422,8 @@ STORED: Mapping[str, Stored] = {
             "changed_at": "When it was last worked on.",
         },
     ),
-    "server_secrets": Stored(
-        Whose.SERVER,
+    "server_secrets": StoredTable(
+        DataSubject.SERVER,
         {
             "id": "There is one row.",
             "secret": "Random bytes: the server derives from them the keys that it signs with.",

@@ -1,4 +1,4 @@
-"""The list of all that is stored: for each field its purpose, for how long, and who can see it."""
+"""The data inventory: for each stored field its purpose, retention period, and who can see it."""
 
 from __future__ import annotations
 
@@ -11,25 +11,27 @@ from app.storage.models import accounts, arrivals, records, server_secrets
 from app.storage.models.studies import Base
 from app.study.plan import Plan
 
-from .column_purposes import STORED, Whose
+from .column_purposes import STORED, DataSubject
 
-#: They fill the same list of tables as `app.storage.tables`.
+#: Imported so that their tables are registered in `Base.metadata`.
 _MODULES = (accounts, arrivals, records, server_secrets)
 
 _RUN = "those who run the study (its owner, whom it is shared with, admins)"
 _SEEN_BY = {
-    Whose.ANSWERS: _RUN,
-    Whose.IDENTITIES: f"{_RUN}, only when asked for by name, and each time noted in the trail",
-    Whose.COUNT: _RUN,
-    Whose.STUDY: "those who run the study, and reviewers",
-    Whose.SERVER: "nobody: neither a page nor an export shows it",
-    Whose.STAFF: "admins; of the trail, what concerns the study also those who run it",
+    DataSubject.ANSWERS: _RUN,
+    DataSubject.IDENTITIES: (
+        f"{_RUN}, only when asked for by name, and each time noted in the trail"
+    ),
+    DataSubject.COUNT: _RUN,
+    DataSubject.STUDY: "those who run the study, and reviewers",
+    DataSubject.SERVER: "nobody: neither a page nor an export shows it",
+    DataSubject.STAFF: "admins; of the trail, what concerns the study also those who run it",
 }
 
 
 @dataclass(frozen=True)
 class Field:
-    """One stored field."""
+    """One stored field of the inventory."""
 
     table: str
     field: str
@@ -40,40 +42,41 @@ class Field:
 
 
 def fields(plan: Plan) -> list[Field]:
-    """Every field of every table, those about participants first."""
+    """All fields of all tables, those about participants first."""
     order = list(STORED)
     tables = sorted(Base.metadata.sorted_tables, key=lambda table: order.index(table.name))
     return [
         Field(
             table.name,
             column.name,
-            STORED[table.name].whose.value,
+            STORED[table.name].subject.value,
             STORED[table.name].purposes[column.name],
-            kept(plan, STORED[table.name].whose),
-            _SEEN_BY[STORED[table.name].whose],
+            kept(plan, STORED[table.name].subject),
+            _SEEN_BY[STORED[table.name].subject],
         )
         for table in tables
         for column in table.columns
     ]
 
 
-def kept(plan: Plan, whose: Whose) -> str:
-    """For how long what is about these is kept, in words."""
+def kept(plan: Plan, subject: DataSubject) -> str:
+    """The retention period of data with this subject, in words."""
     rule = plan.retention
-    match whose:
-        case Whose.ANSWERS:
+    match subject:
+        case DataSubject.ANSWERS:
             return _days(rule.everything_days)
-        case Whose.IDENTITIES:
+        case DataSubject.IDENTITIES:
             return _days(rule.identities_kept_for)
-        case Whose.COUNT | Whose.STUDY:
+        case DataSubject.COUNT | DataSubject.STUDY:
             return "as long as the study"
-        case Whose.SERVER:
+        case DataSubject.SERVER:
             return "as long as the database"
-        case Whose.STAFF:
+        case DataSubject.STAFF:
             return "as long as the account; the trail for good"
 
 
 def as_csv(found: Iterable[Field]) -> bytes:
+    """The inventory as CSV in UTF-8."""
     text = io.StringIO(newline="")
     rows = csv.writer(text, lineterminator="\n")
     rows.writerow(["table", "field", "about", "purpose", "kept", "seen_by"])

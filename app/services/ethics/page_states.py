@@ -1,7 +1,6 @@
-"""The states of a session that evaluators see pages of, without anybody being there.
+"""The states of all evaluator pages, generated from a fictitious session.
 
-A session is made up in memory and never stored: each of its stages is described just as it would be
-for a person.
+The session exists in memory only. Each of its stages is rendered as for a real participant.
 """
 
 from __future__ import annotations
@@ -24,21 +23,21 @@ from app.storage.models.studies import PlanVersion, SessionRow, Study
 from app.study.plan import Plan
 from app.study.protocol import AFTER_TRIAL, AT_THE_END, Stage, position
 
-#: Makes up the same session each time.
+#: Seed of the fictitious session, so that it is always the same.
 _SEED = 0
 _NOBODY = -1
 
 
 @dataclass(frozen=True)
 class Screen:
-    """One page that evaluators see: its name, and the state that it shows."""
+    """One evaluator page: its name, and the session state that it shows."""
 
     name: str
     state: State
 
 
 def screens(app: AppContext, study: StudyInfo, language: str) -> list[Screen]:
-    """Every page of a session in the order in which people come to them, in one language."""
+    """All pages of a session in one language, in the order in which participants see them."""
     plan = study.plan
     with app.database.read() as db:
         row = _made_up(db, study, language)
@@ -46,7 +45,7 @@ def screens(app: AppContext, study: StudyInfo, language: str) -> list[Screen]:
 
 
 def still_clips(app: AppContext, study: StudyInfo) -> list[RecordingRef]:
-    """Two videos of the study that are there already, to stand in pictures of its pages."""
+    """Two recordings whose videos exist already, for screenshots of the pages."""
     clips = [
         clip
         for environment in study.plan.used_environments
@@ -54,7 +53,7 @@ def still_clips(app: AppContext, study: StudyInfo) -> list[RecordingRef]:
     ]
     there = app.recordings.sizes(clips)
     ready = [clip for clip in clips if clip.locator in there]
-    # Two that differ: neighbours are runs of one candidate.
+    # The first and the last, because neighbours are runs of the same candidate.
     return [ready[0], ready[-1]] if ready else []
 
 
@@ -83,7 +82,7 @@ def _made_up(db: Session, study: StudyInfo, language: str) -> SessionRow:
 
 
 def _walk(app: AppContext, session: SessionRow, plan: Plan) -> Iterator[str]:
-    """Move the session from stage to stage; the name of each page."""
+    """Move the session from stage to stage, and yield the name of each page."""
 
     def at(stage: Stage, trial_index: int = 0, query_index: int = 0) -> None:
         session.stage = stage.value
@@ -103,7 +102,7 @@ def _walk(app: AppContext, session: SessionRow, plan: Plan) -> Iterator[str]:
     if plan.practice.queries:
         at(Stage.PRACTICE)
         yield "practice"
-    # Conditions differ on the page by their skip button alone.
+    # On the page, conditions differ only in their skip button.
     shown: list[Any] = []
     for trial_index, condition in enumerate(session.trial_conditions):
         skip = plan.conditions[condition].skip

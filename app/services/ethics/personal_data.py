@@ -1,7 +1,7 @@
-"""Where anything about an evaluator is kept, and under which sentence the privacy page names it.
+"""Maps all stored data about evaluators to topics of the privacy page.
 
-A test holds that every column of the database, every key of the browser's own storage and every
-cookie has its topic here, and that the page has a sentence for each topic.
+A test checks that every database column, every key of the browser's storage and every cookie has a
+topic here, and that the page has a sentence for each topic.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from app.study.plan import Plan
 
 
 class Topic(StrEnum):
-    """What the privacy page speaks of, a sentence each; the last is not about evaluators."""
+    """Topics of the privacy page, one sentence each; the last is for data not about evaluators."""
 
     ANSWERS = "answers"
     PLAYBACK = "playback"
@@ -33,7 +33,7 @@ class Topic(StrEnum):
     NOT_EVALUATORS = "not about evaluators"
 
 
-#: Every column of the tables about evaluators, by its topic: a new one has to be thought about.
+#: Topic of every column of the tables about evaluators. A new column must be added here.
 EVALUATORS: Mapping[str, Mapping[Topic, str]] = {
     "participants": {
         Topic.PSEUDONYM: "id study_id pseudonym created_at",
@@ -104,7 +104,7 @@ EVALUATORS: Mapping[str, Mapping[Topic, str]] = {
         Topic.COUNT: "id study_id day number",
     },
 }
-#: Tables that hold nothing about evaluators.
+#: Tables without data about evaluators.
 OTHERS = frozenset(
     {
         "deleted_studies",
@@ -125,7 +125,7 @@ OTHERS = frozenset(
         "server_secrets",
     }
 )
-#: The browser's own storage, by the script that writes it; and cookies, by the module.
+#: Keys of the browser's storage by the script that writes them, and cookies by module.
 BROWSER: Mapping[str, Topic] = {
     "localStorage outbox.js": Topic.BROWSER,
     "sessionStorage familiarisation.js": Topic.BROWSER,
@@ -139,7 +139,10 @@ BROWSER: Mapping[str, Topic] = {
 
 
 def topics(plan: Plan, *, videos_elsewhere: bool) -> tuple[Topic, ...]:
-    """What the page of a study speaks of, in its order. videos_elsewhere: not from our own site."""
+    """The topics of a study's privacy page, in order.
+
+    videos_elsewhere: whether browsers load videos from another site.
+    """
     asks = plan.questionnaires.after_trial or plan.questionnaires.end
     left_out = {
         Topic.NOT_EVALUATORS: True,

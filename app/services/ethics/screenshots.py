@@ -1,4 +1,4 @@
-"""Pictures: a still of a video, and a page as a browser without a window shows it."""
+"""Stills of videos, and screenshots of pages by a headless Chromium."""
 
 from __future__ import annotations
 
@@ -27,17 +27,17 @@ _FLAGS = (
     *("--disable-background-networking", "--disable-component-update", "--disable-sync"),
 )
 
-#: A laptop's window. A page of text is given more height; what is empty below is cut off.
+#: Size of a laptop's window. Pages of text get more height, and empty space below is cropped.
 WIDTH, HEIGHT = 1280, 800
 LONG_HEIGHT = 4000
 _MARGIN = 32
 
-#: How long one picture may take, in seconds: a busy machine has other things to do.
+#: Timeout of one screenshot in seconds, long enough for a busy machine.
 _PATIENCE_S = 60
 
 
 def browser(settings: Settings) -> str | None:
-    """The browser that pictures are taken with; None if there is none."""
+    """Path of the Chromium for screenshots; None if there is none."""
     named = settings.chromium
     return next(
         (path for name in ([named] if named else _BROWSERS) if (path := shutil.which(name))), None
@@ -45,9 +45,9 @@ def browser(settings: Settings) -> str | None:
 
 
 def stills(videos: Sequence[Path | None]) -> list[str | None]:
-    """A frame from the middle of each, as the address of a picture that needs no file.
+    """A frame from the middle of each video, as a data URL.
 
-    None where there is no video, or where it cannot be read.
+    None for a missing video and for one that cannot be read.
     """
     with Decoder() as decoder:
         return [None if video is None else _still(decoder, video) for video in videos]
@@ -63,16 +63,15 @@ def _still(decoder: Decoder, video: Path) -> str | None:
 
 
 def is_long(html: str) -> bool:
-    """Whether a page may be taller than a window: those with videos are made to fit one."""
+    """Whether a page may be taller than the window; pages with videos fit into it."""
     return '<main class="query"' not in html
 
 
 def picture_of(settings: Settings, html: str, *, is_long: bool = True) -> bytes | None:
-    """The page as PNG; None if no browser is there, or if it took too long.
+    """A screenshot of the page as PNG; None without a browser, or after the timeout.
 
-    is_long: whether a page may be taller than a window; others are shown as one screen.
-
-    The same page is taken once, and kept by its content in the data folder.
+    is_long: whether the page may be taller than the window. Screenshots are cached in the data
+    folder by the page's content.
     """
     executable = browser(settings)
     if executable is None:
@@ -97,7 +96,7 @@ def _take(executable: str, html: str, height: int) -> bytes | None:
         words = [
             executable,
             *_FLAGS,
-            # The sandbox cannot be had by root. The page is our own, and holds no script.
+            # The sandbox does not work as root. The page is our own and contains no script.
             *(["--no-sandbox"] if os.geteuid() == 0 else []),
             f"--user-data-dir={folder / 'profile'}",
             f"--window-size={WIDTH},{height}",
@@ -114,7 +113,7 @@ def _take(executable: str, html: str, height: int) -> bytes | None:
 
 
 def _cut(path: Path) -> bytes:
-    """The picture without what is empty below."""
+    """Crop the empty space at the bottom of the picture, and return it as PNG."""
     with Image.open(path) as opened:
         picture = opened.convert("RGB")
     ground = Image.new("RGB", picture.size, picture.getpixel((0, picture.height - 1)))

@@ -102,7 +102,7 @@ def _queries_rows(db: Session, request: Request) -> Iterator[Row]:
         .join(SessionRow, Trial.session_id == SessionRow.id)
         .join(Participant, SessionRow.participant_id == Participant.id)
         .outerjoin(Response, Response.query_id == QueryRow.id)
-        # What an answer was given under stays, whatever the person agreed to later.
+        # The version at the time of the response, not the one agreed to later.
         .outerjoin(PlanVersion, PlanVersion.id == under)
         .outerjoin(
             ConsentRow,

@@ -42,7 +42,7 @@ def without_clock_times(table: Table) -> Table:
         for row in table.rows(db, request):
             start = begun[str(row[at])] if at is not None else None
             yield tuple(
-                _told(column, value, start) for column, value in zip(before, row, strict=True)
+                _relative(column, value, start) for column, value in zip(before, row, strict=True)
             )
 
     return Table(table.name, table.description, columns, rows)
@@ -58,7 +58,7 @@ def _column(column: Column) -> Column:
     return number(f"{stem}_after_s", said, "s")
 
 
-def _told(column: Column, value: Value, start: datetime | None) -> Value:
+def _relative(column: Column, value: Value, start: datetime | None) -> Value:
     if not isinstance(value, datetime):
         return value
     if column.name in _DAYS or start is None:

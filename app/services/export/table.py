@@ -97,9 +97,10 @@ TRIAL = integer("trial_index", "Number of the trial in the session, from 0; -1 f
 QUERY = integer("query_index", "Number of the query within the trial, from 0.")
 
 
-def parameters(plan: Plan, prefix: str, whose: str) -> tuple[Column, ...]:
+def parameters(plan: Plan, prefix: str, owner: str) -> tuple[Column, ...]:
+    """A column for each parameter of the plan. owner: completes "Parameter p of ..."."""
     return tuple(
-        number(f"{prefix}{parameter.name}", f"Parameter {parameter.name} of {whose}.", unit)
+        number(f"{prefix}{parameter.name}", f"Parameter {parameter.name} of {owner}.", unit)
         for parameter in plan.parameters
         for unit in [parameter.unit or ""]
     )
@@ -138,10 +139,12 @@ def trials_of(request: Request) -> tuple[ColumnElement[bool], ...]:
 
 
 def of_sessions(statement: Select[*tuple[Any, ...]], request: Request) -> Select[*tuple[Any, ...]]:
+    """The statement, restricted to the requested sessions."""
     return statement.where(*sessions_of(request))
 
 
 def of_trials(statement: Select[*tuple[Any, ...]], request: Request) -> Select[*tuple[Any, ...]]:
+    """The statement, which joins sessions, restricted to the requested trials."""
     return statement.where(*trials_of(request))
 
 
@@ -165,6 +168,7 @@ def _midnight(day: date) -> datetime:
 
 
 def fetch(db: Session, statement: Select[*tuple[Any, ...]]) -> Iterator[Any]:
+    """Execute the statement, and iterate over its rows in batches."""
     return iter(db.execute(statement.execution_options(yield_per=_BATCH)))
 
 
@@ -182,6 +186,7 @@ def points(db: Session, request: Request) -> dict[tuple[str, int], Row]:
 
 
 def recording_names(db: Session, request: Request) -> dict[int, str]:
+    """Names of the study's recordings (see `recording_name`) by primary key."""
     return {
         recording_id: recording_name(environment, index, run)
         for recording_id, environment, index, run in db.execute(

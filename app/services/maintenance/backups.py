@@ -91,10 +91,10 @@ def backup(settings: Settings, target: Path, now: datetime) -> Backup:
     if not target.parent.is_dir():
         raise ConflictError(f"expected a folder to write to, and {target.parent} is none")
     _delete_unfinished(target.parent, now)
-    # Its videos are not packed, and so take what they take; the database packs.
-    videos = sum(path.stat().st_size for _, path in _besides(settings) if path.is_file())
+    # Videos are stored uncompressed and make up most of the size; the database compresses well.
+    videos = sum(path.stat().st_size for _, path in _other_files(settings) if path.is_file())
     disk_quota.require(settings, target.parent, videos)
-    # Beside the target: there is room there, or the backup is in vain.
+    # In the target's folder, so that the finished file can be renamed.
     with tempfile.TemporaryDirectory(prefix=_UNFINISHED, dir=target.parent) as folder:
         copy, part = Path(folder) / DATABASE, Path(folder) / "backup.zip"
         try:
@@ -103,12 +103,12 @@ def backup(settings: Settings, target: Path, now: datetime) -> Backup:
             raise ConflictError(str(error)) from None
         with zipfile.ZipFile(part, "w", zipfile.ZIP_DEFLATED) as archive:
             files = {DATABASE: _add(archive, DATABASE, copy, packed=True)}
-            # After the database: what it names was there before, and so is in the archive.
-            for name, path in _besides(settings):
+            # After the database, so that all files it refers to exist by then.
+            for name, path in _other_files(settings):
                 try:
                     files[name] = _add(archive, name, path, packed=name == LEDGER)
                 except FileNotFoundError:
-                    continue  # thrown away by its maker just now
+                    continue  # deleted in the meantime
             manifest = {
                 "format": FORMAT,
                 "app_version": __version__,
@@ -141,11 +141,11 @@ def restore(source: Path, settings: Settings, ledgers: Sequence[Path], now: date
     settings.data_dir.mkdir(parents=True, exist_ok=True, mode=0o700)
     try:
         manifest = _unpack(source, settings)
-        # Before anybody is in the database who may have been deleted. One ledger goes on with all
-        # lines: an older backup may be restored later.
+        # Before the database is loaded, so that a killed restore cannot lose deletions. The log
+        # keeps all lines, because an older backup may be restored later.
         lines = deletion_log.merge(settings.ledger_path, [*lines, *_ledger_of_backup(settings)])
         with _loaded(source, settings, manifest):
-            again, missing = _make_good(settings, lines, manifest, now)
+            again, missing = _bring_up_to_date(settings, lines, manifest, now)
     except BaseException:
         for path in settings.data_dir.iterdir():
             shutil.rmtree(path) if path.is_dir() else path.unlink()
@@ -153,7 +153,7 @@ def restore(source: Path, settings: Settings, ledgers: Sequence[Path], now: date
     return Restored(_backup(manifest), again, missing)
 
 
-def _make_good(
+def _bring_up_to_date(
     settings: Settings,
     lines: Sequence[deletion_log.Deleted],
     manifest: dict[str, Any],
@@ -164,11 +164,11 @@ def _make_good(
     Returns the number of repeated deletions and of missing videos.
     """
     # The server that opens it later creates the queue of the workers.
-    alone = settings.model_copy(update={"workers_apart": False})
-    app = open_app(alone, now=lambda: now, restoring=True)
+    without_workers = settings.model_copy(update={"workers_apart": False})
+    app = open_app(without_workers, now=lambda: now, restoring=True)
     try:
         again = reapply_deletions.apply(app, lines)
-        _settle_videos(app)
+        _place_videos(app)
         missing = _missing(app)
         audit_log.note_alone(
             app,
@@ -184,17 +184,17 @@ def _make_good(
 
 def _delete_unfinished(folder: Path, now: datetime) -> None:
     for left in folder.glob(f"{_UNFINISHED}*"):
-        # One that is under way may end, or may not be ours to look into.
+        # A running backup may finish meanwhile, or belong to another user.
         with suppress(OSError):
             newest = max(path.stat().st_mtime for path in (left, *left.iterdir()))
             if datetime.fromtimestamp(newest, UTC) <= now - _BACKUPS_LAST:
                 shutil.rmtree(left)
 
 
-def _besides(settings: Settings) -> Iterator[tuple[str, Path]]:
+def _other_files(settings: Settings) -> Iterator[tuple[str, Path]]:
     if settings.ledger_path.is_file():
         yield LEDGER, settings.ledger_path
-    # A set: the two may be one folder.
+    # A set, because both may be the same folder.
     found = {
         f"{UPLOADS}/{path.relative_to(folder).as_posix()}": path
         for folder in {settings.uploads_dir, settings.own_videos}
@@ -221,7 +221,7 @@ def _own_videos(database: Database) -> list[str]:
         return sorted(set(db.scalars(statement)))
 
 
-def _settle_videos(app: AppContext) -> None:
+def _place_videos(app: AppContext) -> None:
     """Move restored videos into the store, except those of studies that were deleted again."""
     videos = {path.name: path for path in app.settings.uploads_dir.glob("*") if path.is_file()}
     for name in videos.keys() - set(_own_videos(app.database)):

@@ -41,6 +41,7 @@ class CheckOutcome:
 
     @property
     def passed(self) -> bool | None:
+        """Whether the response is the expected one."""
         if self.response is None or self.expected is None:
             return None
         return self.response == self.expected

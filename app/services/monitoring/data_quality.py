@@ -99,7 +99,7 @@ class Evidence:
     attention_failed: int = 0
     repeats: int = 0
     repeats_failed: int = 0
-    told: int = 0
+    reported: int = 0
     unwatched: int = 0
     set_aside: int = 0
 
@@ -114,7 +114,7 @@ def flags_of(evidence: Evidence) -> tuple[Flag, ...]:
         Flag.FAILED_CHECKS: _share(evidence.attention_failed, evidence.attention, FEWEST_CHECKS)
         > FAILED_SHARE
         or _share(evidence.repeats_failed, evidence.repeats, FEWEST_CHECKS) > 0.5,
-        Flag.UNWATCHED: _share(evidence.unwatched, evidence.told, FEWEST_ANSWERS)
+        Flag.UNWATCHED: _share(evidence.unwatched, evidence.reported, FEWEST_ANSWERS)
         >= UNWATCHED_SHARE,
         Flag.FAULTS: evidence.set_aside > 0,
     }
@@ -188,13 +188,13 @@ def _watching(db: Session, of: _Of, counted: _Counted) -> None:
         found = _watched(db, part)
         known |= {key: (now[key], *found.get(key, (0, 0))) for key in part}
     for key in now:
-        _, told, unwatched = known.get(key, (None, 0, 0))
-        counted[key].update(told=told, unwatched=unwatched)
+        _, reported, unwatched = known.get(key, (None, 0, 0))
+        counted[key].update(reported=reported, unwatched=unwatched)
 
 
 def _watched(db: Session, keys: Sequence[int]) -> dict[int, tuple[int, int]]:
     """By session: number of answered queries with playback events, and of unwatched ones."""
-    told: Any = db.execute(
+    reported: Any = db.execute(
         select(
             Event.session_id,
             Event.trial_index,
@@ -212,7 +212,7 @@ def _watched(db: Session, keys: Sequence[int]) -> dict[int, tuple[int, int]]:
         .execution_options(yield_per=_BATCH)
     )
     found: dict[int, tuple[int, int]] = {}
-    for session_key, rows in groupby(told, key=itemgetter(0)):
+    for session_key, rows in groupby(reported, key=itemgetter(0)):
         seen: dict[tuple[int, int], dict[str | None, float]] = {}
         for _, trial, query, event, side, value in rows:
             if event != _WATCHED:

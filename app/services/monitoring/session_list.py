@@ -64,6 +64,7 @@ class Counts:
 
     @property
     def total(self) -> int:
+        """Number of sessions in all states."""
         ended = self.completed + self.withdrawn + self.declined + self.screened_out
         return self.active + ended
 

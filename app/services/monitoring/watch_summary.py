@@ -55,8 +55,8 @@ def _last(events: Sequence[Event]) -> float | None:
 
 
 def _total(numbers: Iterable[float | None]) -> float | None:
-    told = [number for number in numbers if number is not None]
-    return sum(told) if told else None
+    known = [number for number in numbers if number is not None]
+    return sum(known) if known else None
 
 
 def _whole(number: float | None, otherwise: int | None = None) -> Value:

@@ -1,6 +1,7 @@
-"""A study's report: one description of typed blocks, written as HTML and as PDF.
+"""A study's report: a sequence of typed blocks, rendered as HTML and as PDF.
 
-`describe` puts the parts together: `design`, `flow`, `outcome`, `reliability`, `versions`.
+`describe` assembles the parts: `design`, `participant_flow`, `results_section`, `reliability`,
+`versions`.
 """
 
 from .as_html import POLICY, html

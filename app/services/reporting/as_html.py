@@ -1,4 +1,4 @@
-"""A report as one HTML file that needs nothing else: no script, no font, no network."""
+"""Renders a report as one self-contained HTML file: no scripts, fonts or network requests."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ figcaption { color: #4a505a; }
 @media print { body { margin: 0; max-width: none; } figure, tr { break-inside: avoid; } }
 """
 
-#: A report loads nothing and runs nothing, wherever it is opened.
+#: Content security policy of a report: it loads nothing and runs nothing.
 POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
 
 
 def html(report: Report) -> bytes:
-    """The report as UTF-8. The same report gives the same bytes."""
+    """The report as HTML in UTF-8. The same report gives the same bytes."""
     title = escape(report.title)
     head = (
         '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'

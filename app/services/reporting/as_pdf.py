@@ -1,4 +1,4 @@
-"""A report as PDF, set by Typst: tagged for screen readers (PDF/UA-1), with fonts of its own."""
+"""Renders a report as PDF by Typst: tagged for screen readers (PDF/UA-1), with embedded fonts."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from app.figures.files import PNG_SCALE
 
 from .document import Block, Figure, Report
 
-#: What an A4 page has between its margins.
+#: Width of the text area of an A4 page.
 _WIDEST_PT = 470
 _PT_PER_PX = 0.75
 
@@ -25,14 +25,14 @@ _TEMPLATE = Path(__file__).with_name("report.typ")
 
 
 def pdf(report: Report) -> bytes:
-    """The same report gives the same bytes, where the same fonts are installed."""
+    """The report as PDF. The same report and fonts give the same bytes."""
     with tempfile.TemporaryDirectory(prefix="pbpo-report-") as folder:
         root = Path(folder)
-        blocks = [_told(block, root, number) for number, block in enumerate(report.blocks)]
+        blocks = [_as_data(block, root, number) for number, block in enumerate(report.blocks)]
         said = {"title": report.title, "subtitle": report.subtitle, "blocks": blocks}
         main = root / "main.typ"
         main.write_bytes(_TEMPLATE.read_bytes())
-        # What it says comes in as data, so that no text is taken for a command.
+        # The content is passed as data, so that no text is interpreted as Typst markup.
         made = typst.compile(
             str(main),
             root=folder,
@@ -43,16 +43,16 @@ def pdf(report: Report) -> bytes:
     return made
 
 
-def _told(block: Block, root: Path, number: int) -> dict[str, Any]:
-    told = {"kind": type(block).__name__.lower(), **asdict(block)}
+def _as_data(block: Block, root: Path, number: int) -> dict[str, Any]:
+    data = {"kind": type(block).__name__.lower(), **asdict(block)}
     if isinstance(block, Figure):
-        # As a picture: its words are drawn with fonts that Typst does not bring along.
+        # As a bitmap, because the figure's text uses fonts that Typst does not have.
         path = root / f"figure-{number}.png"
         picture = png(block.drawing)
         path.write_bytes(picture)
-        told["drawing"] = path.name
-        told["width_pt"] = min(_WIDEST_PT, _PT_PER_PX * _width_px(picture) / PNG_SCALE)
-    return told
+        data["drawing"] = path.name
+        data["width_pt"] = min(_WIDEST_PT, _PT_PER_PX * _width_px(picture) / PNG_SCALE)
+    return data
 
 
 def _width_px(picture: bytes) -> int:

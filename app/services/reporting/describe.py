@@ -1,4 +1,4 @@
-"""The report of a study as one description, from which HTML and PDF are written."""
+"""Assembles the report of a study, from which HTML and PDF are rendered."""
 
 from __future__ import annotations
 
@@ -24,8 +24,10 @@ from .versions import versions
 
 
 def describe(app: AppContext, request: Request) -> Report:
-    """The sessions that are asked for, reported. It says nothing of when it was made: the same
-    data gives the same report."""
+    """The report on the requested sessions.
+
+    It does not contain its creation time, so that the same data gives the same report.
+    """
     study = request.study
     digest = hashlib.sha256()
     for piece in csv_stream(app, TABLES["queries"], request):

@@ -1,4 +1,4 @@
-"""The part of a report that says what the study is."""
+"""The part of a report on the design of the study."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from .document import Block, Heading, Paragraph, Table, many
 
 
 def design(db: Session, study: StudyInfo) -> Iterator[Block]:
-    """What a session consists of, the conditions, and what could be shown."""
+    """The course of a session, the conditions, and the candidates and recordings."""
     plan = study.plan
     yield Heading("Design")
     yield Paragraph(" ".join(_course(plan)))
@@ -50,7 +50,7 @@ def design(db: Session, study: StudyInfo) -> Iterator[Block]:
 
 
 def _course(plan: Plan) -> Iterator[str]:
-    """A session in sentences, as a section on methods would tell it."""
+    """Sentences that describe a session, as in a methods section."""
     shown = plan.shown_per_trial
     yield (
         f"Each session has {many(plan.trials, 'trial')} of"

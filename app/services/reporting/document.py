@@ -1,4 +1,4 @@
-"""What a report is made of: headings, paragraphs, tables and figures, in the order of reading."""
+"""The document model of a report: headings, paragraphs, tables and figures in reading order."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ def many(number: int, one: str, several: str = "") -> str:
 
 @dataclass(frozen=True)
 class Heading:
-    """level: 2 for a part of the report, 3 within one."""
+    """A heading. level: 2 for a part of the report, 3 for a section within one."""
 
     text: str
     level: int = 2
@@ -21,12 +21,14 @@ class Heading:
 
 @dataclass(frozen=True)
 class Paragraph:
+    """A paragraph of plain text."""
+
     text: str
 
 
 @dataclass(frozen=True)
 class Table:
-    """Every row is as long as the header; its first cell names it."""
+    """A table. Every row is as long as the header, and its first cell is the row's header."""
 
     caption: str
     header: tuple[str, ...]
@@ -35,7 +37,7 @@ class Table:
 
 @dataclass(frozen=True)
 class Figure:
-    """caption: what is to be seen. says: what it shows, in words. drawing: SVG."""
+    """A figure. caption: its caption. says: its text alternative. drawing: SVG."""
 
     caption: str
     says: str
@@ -47,7 +49,7 @@ Block = Heading | Paragraph | Table | Figure
 
 @dataclass(frozen=True)
 class Report:
-    """A report, in English; its title is the study's."""
+    """A report in English, under the study's title."""
 
     title: str
     subtitle: str

@@ -1,6 +1,6 @@
-"""The part of a report that counts who came, how far they came, and who is counted.
+"""The part of a report on the flow of participants, from arrival to analysis.
 
-After the flow diagram of CONSORT (https://www.consort-spirit.org): everybody who came is in it.
+It follows the CONSORT flow diagram (https://www.consort-spirit.org) and includes everyone who came.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from .document import Block, Heading, Paragraph, Table, many
 
 @dataclass(frozen=True)
 class Flow:
-    """How many sessions of the modes that are asked for; a session is one passage of a person.
+    """Numbers of sessions of the requested modes.
 
-    arrived: agreed or declined; who left the consent page without a word is not known. deleted: at
-    their person's wish; nothing else is known of them. under_way: neither ended nor left. left_out:
-    by the filter. unanswered: let through by it, without an answer that counts. counted: the rest.
+    arrived: agreed or declined; people who left the consent page without either are not recorded.
+    deleted: at the participant's wish. under_way: not ended. left_out: excluded by the filter.
+    unanswered: not excluded, but without an answer that counts. counted: the rest.
     """
 
     arrived: int
@@ -44,7 +44,7 @@ class Flow:
 
 @dataclass(frozen=True)
 class Answers:
-    """What a report rests on: answers in trials under the conditions that are asked for."""
+    """Numbers of people, answers and skips in the requested trials, and their sessions."""
 
     sessions: frozenset[str]
     people: int
@@ -53,7 +53,7 @@ class Answers:
 
 
 def answers_of(db: Session, request: Request) -> Answers:
-    """Counted are sessions that the filter lets through; the practice is in no count."""
+    """Count the answers in the sessions that the filter admits, without the practice."""
     statement = of_trials(
         select(
             SessionRow.public_id,
@@ -80,9 +80,10 @@ def answers_of(db: Session, request: Request) -> Answers:
 def count(
     lines: Sequence[SessionLine], deleted: int, declined: int, let_through: int, answered: int
 ) -> Flow:
-    """lines: all sessions of the modes. deleted, declined: of whom there is no session.
+    """Compute the numbers of the flow.
 
-    let_through: how many sessions the filter lets through; answered: how many of them count.
+    lines: all sessions of the modes. deleted, declined: people without a session. let_through:
+    sessions that the filter admits. answered: those of them with an answer that counts.
     """
     stages = [line.stage for line in lines]
     ended = {name: stages.count(name) for name in ("declined", "screened_out", "withdrawn")}
@@ -104,7 +105,7 @@ def count(
 
 
 def let_through(db: Session, request: Request) -> int:
-    """How many sessions the filter lets through."""
+    """Number of sessions that the filter admits."""
     number = select(func.count(SessionRow.id)).where(*sessions_of(request))
     return db.scalar(number) or 0
 
@@ -112,7 +113,7 @@ def let_through(db: Session, request: Request) -> int:
 def flow(
     found: Flow, rests_on: Answers, lines: Sequence[SessionLine], request: Request
 ) -> Iterator[Block]:
-    """lines: those that are counted."""
+    """The blocks of this part. lines: the counted sessions."""
     yield Heading("Flow of participants")
     yield Table(
         "Sessions, from arriving to being counted",

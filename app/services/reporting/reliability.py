@@ -1,4 +1,4 @@
-"""The part of a report that says how far the answers can be relied on."""
+"""The part of a report on the reliability of the answers."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from .document import Block, Heading, Paragraph, Table, many
 
 
 def reliability(db: Session, request: Request, lines: Sequence[SessionLine]) -> Iterator[Block]:
-    """lines: the sessions that are counted."""
+    """The blocks of this part. lines: the counted sessions."""
     yield Heading("Quality of the data")
     flagged = Counter(flag for line in lines for flag in line.flags)
     yield Table(

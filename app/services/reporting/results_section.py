@@ -1,4 +1,4 @@
-"""The part of a report with the results: every finding with its figure, in words, and the tests."""
+"""The part of a report with the results: each with its figure, its text alternative and tests."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from .document import Block, Figure, Heading, Paragraph, Table
 
 
 def results(db: Session, request: Request) -> Iterator[Block]:
-    """In the order of the results page."""
+    """The blocks of this part, in the order of the results page."""
     yield Heading("Results")
     for name, finding in FINDINGS.items():
         found = finding.read(db, request)

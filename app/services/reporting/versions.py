@@ -1,4 +1,4 @@
-"""The part of a report that says under which versions the data came to be, so that it can again."""
+"""The part of a report on the versions of plan, texts and software, for reproducibility."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from app.study.markdown import consent_version
 
 from .document import Block, Heading, Paragraph, Table
 
-#: What proposals, statistics and figures rest on.
+#: Packages that proposals, statistics and figures depend on.
 LIBRARIES = ("torch", "numpy", "scipy", "sqlalchemy", "altair", "vl-convert-python", "av")
 
 
 def versions(db: Session, request: Request, queries_sha256: str) -> Iterator[Block]:
-    """queries_sha256: of queries.csv with the same filter, 64 hex digits."""
+    """The blocks of this part. queries_sha256: of queries.csv with the same filter."""
     yield Heading("Versions")
     yield Table(
         "Plans that sessions ran under",
@@ -64,7 +64,7 @@ def versions(db: Session, request: Request, queries_sha256: str) -> Iterator[Blo
 
 
 def _plans(db: Session, request: Request) -> Iterator[tuple[str, ...]]:
-    """By version: who agreed to it, and what was answered under it."""
+    """Rows by version of the plan: sessions that consented under it, and answers given under it."""
     sessions = of_sessions(
         select(ConsentRow.plan_id, func.count(SessionRow.id))
         .join(SessionRow, ConsentRow.session_id == SessionRow.id)
@@ -113,7 +113,7 @@ def _engines(db: Session, request: Request) -> Iterator[tuple[str, ...]]:
 
 
 def _texts(study: StudyInfo) -> Iterator[tuple[str, ...]]:
-    """A consent by the version that people agree to, other texts by the start of their SHA-256."""
+    """Rows by text: a consent with its version, other texts with the start of their SHA-256."""
     for language, named in sorted(study.texts.items()):
         for name, text in sorted(named.items()):
             digest = hashlib.sha256(text.encode("utf-8")).hexdigest()[:12]
@@ -121,7 +121,7 @@ def _texts(study: StudyInfo) -> Iterator[tuple[str, ...]]:
 
 
 def _consents(db: Session, request: Request) -> Iterator[tuple[str, ...]]:
-    """By version of the text: sessions whose person agreed to it, and answers given under it."""
+    """Rows by version of the consent: sessions that agreed to it, and answers given under it."""
     statement = of_sessions(
         select(ConsentRow.consent_version, func.count(SessionRow.id.distinct()))
         .join(SessionRow, ConsentRow.session_id == SessionRow.id)

@@ -81,8 +81,10 @@ class Checked:
     @property
     def can_be_transcoded(self) -> int:
         """The number of videos that some browser cannot play."""
-        told = (fault.told.expected for faults in self.faults.values() for fault in faults)
-        return sum(expected == PLAYABLE for expected in told)
+        expected_values = (
+            fault.told.expected for faults in self.faults.values() for fault in faults
+        )
+        return sum(expected == PLAYABLE for expected in expected_values)
 
     @property
     def number(self) -> int:
@@ -192,12 +194,12 @@ def files(draft: Draft) -> list[DraftFile]:
     return sorted(found, key=lambda file: (not file.is_text, file.name != STUDY_FILE, file.name))
 
 
-def require_room(app: AppContext, caller: Principal, coming: int = 0) -> None:
+def require_room(app: AppContext, caller: Principal, upload_bytes: int = 0) -> None:
     """Raise NoRoomError if the caller has the maximum number of drafts, or the disk is too full.
 
-    coming: the bytes about to be uploaded.
+    upload_bytes: the bytes about to be uploaded.
     """
-    disk_quota.require(app.settings, app.settings.uploads_dir, coming)
+    disk_quota.require(app.settings, app.settings.uploads_dir, upload_bytes)
     most = app.settings.drafts_per_account
     with app.database.read() as db:
         number = _number(db, caller)

@@ -19,8 +19,8 @@ def videos(app: AppContext, session: SessionRow) -> tuple[RecordingRef, ...]:
     """The videos before the coming trial, drawn from the session's seed: the same on each call."""
     plan = stored_plan(session.plan)
     if plan.blocks == "environment":
-        coming = plan.conditions[session.trial_conditions[session.trial_index]]
-        environments: tuple[str, ...] = (coming.environment,)
+        condition = plan.conditions[session.trial_conditions[session.trial_index]]
+        environments: tuple[str, ...] = (condition.environment,)
     else:
         environments = plan_of(session).used_environments
     found = [

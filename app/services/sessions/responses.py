@@ -179,20 +179,20 @@ def _store(
         derived_rows.store(db, query, step, training_records(asked.trial, asked.record))
     if session.stage == Stage.QUERY and session.trial_index == query.trial.trial_index:
         candidate_set = app.proposer.candidate_set(asked.trial.study_id, asked.trial.environment)
-        coming = next_query(candidate_set, asked.trial, asked.record, step)
-        assert coming is not None
-        return _open(db, query, coming, asked.record, now)
+        proposal = next_query(candidate_set, asked.trial, asked.record, step)
+        assert proposal is not None
+        return _open(db, query, proposal, asked.record, now)
     query.trial.ended_at = now
     trial_start.enter_stage(app, db, session)
     return None
 
 
 def _open(
-    db: Session, answered: QueryRow, coming: ProposedQuery, record: AnsweredQueries, now: datetime
+    db: Session, answered: QueryRow, proposal: ProposedQuery, record: AnsweredQueries, now: datetime
 ) -> OpenQuery:
     """Store the trial's next query. record: the answered queries before it."""
     trial = answered.trial
-    asked = trial_start.query_columns(coming, now, trial_id=trial.id)
+    asked = trial_start.query_columns(proposal, now, trial_id=trial.id)
     insert_rows(db, QueryRow, [asked])
     return OpenQuery(
         trial_id=trial.id,
@@ -202,15 +202,15 @@ def _open(
         public_id=asked["public_id"],
         attempt=asked["attempt"],
         asked=AskedQuery(
-            query_index=coming.query_index,
-            trial_type=coming.trial_type,
-            left=coming.left_candidate,
-            right=coming.right_candidate,
-            left_recording=coming.left.id,
-            right_recording=coming.right.id,
-            acquisition=coming.acquisition,
-            engine_version=coming.engine_version,
-            repeats=coming.repeats,
+            query_index=proposal.query_index,
+            trial_type=proposal.trial_type,
+            left=proposal.left_candidate,
+            right=proposal.right_candidate,
+            left_recording=proposal.left.id,
+            right_recording=proposal.right.id,
+            acquisition=proposal.acquisition,
+            engine_version=proposal.engine_version,
+            repeats=proposal.repeats,
             response=None,
         ),
         record=record,
@@ -222,8 +222,8 @@ def _continue_practice(
     app: AppContext, db: Session, session: SessionRow, query: QueryRow, now: datetime
 ) -> None:
     if session.stage == Stage.PRACTICE:
-        coming = trial_start.practice_query(app, session, session.query_index)
-        db.add(trial_start.query_row(coming, now, trial_id=query.trial_id))
+        proposal = trial_start.practice_query(app, session, session.query_index)
+        db.add(trial_start.query_row(proposal, now, trial_id=query.trial_id))
     else:
         query.trial.ended_at = now
         trial_start.enter_stage(app, db, session)
@@ -297,9 +297,10 @@ def _is_new(session: SessionRow, query: QueryRow, answer: Answer) -> bool:
 
 
 def _check_reason(session: SessionRow, query: QueryRow, answer: Answer) -> None:
-    """Raise SkipReasonError unless the reason comes with a skip and the study offers it.
+    """Raise SkipReasonError if a reason comes without a skip, or is not one that the study offers.
 
-    A skip without a reason is accepted, for pages that were opened before reasons were offered.
+    A skip without a reason is accepted, for pages that were opened before reasons were offered. A
+    study that offers none accepts any.
     """
     if answer.skip_reason is None:
         return

@@ -63,9 +63,9 @@ def consent(app: AppContext, token: str, version: str, *, successor: str | None 
             db.execute(delete(Reentry).where(Reentry.session_id == session.id))
         state = session_state.describe(app, db, session)
         first = trial_start.first_query(app, session)
-        coming = [*familiarisation.device_check_videos(app, session), first.left, first.right]
-        coming.extend(familiarisation.videos(app, session))
-    app.proposer.render(coming)
+        recordings = [*familiarisation.device_check_videos(app, session), first.left, first.right]
+        recordings.extend(familiarisation.videos(app, session))
+    app.proposer.render(recordings)
     return state
 
 

@@ -47,8 +47,8 @@ def note(db: Session, study: Study, at: datetime) -> None:
     way_back = recruitment.described(
         repository.stored_plan(study.plans[-1]).recruitment, "technical"
     )
-    gone = DeletedStudy(slug=study.slug, way_back=way_back, deleted_on=day)
-    db.add(gone)
+    deleted = DeletedStudy(slug=study.slug, way_back=way_back, deleted_on=day)
+    db.add(deleted)
     db.flush()
     inside = (
         SessionRow.study_id == study.id,
@@ -61,7 +61,7 @@ def note(db: Session, study: Study, at: datetime) -> None:
     if hashes:
         db.execute(
             insert(DeletedSession),
-            [{"deleted_study_id": gone.id, "token_key": _key(hashed)} for hashed in hashes],
+            [{"deleted_study_id": deleted.id, "token_key": _key(hashed)} for hashed in hashes],
         )
 
 
@@ -77,25 +77,25 @@ def find(app: AppContext, slug: str | None, token: str | None) -> Deleted | None
                 .join(DeletedSession, DeletedSession.deleted_study_id == DeletedStudy.id)
                 .where(DeletedSession.token_key == _key(secret_hash(token)))
             )
-            gone = db.scalar(statement)
-            if gone is not None and slug in (None, gone.slug):
-                return Deleted(gone.slug, gone.way_back)
+            deleted = db.scalar(statement)
+            if deleted is not None and slug in (None, deleted.slug):
+                return Deleted(deleted.slug, deleted.way_back)
         if slug is None or db.scalar(select(Study.id).where(Study.slug == slug)) is not None:
             return None
-        gone = db.scalar(select(DeletedStudy).where(DeletedStudy.slug == slug))
-        return None if gone is None else Deleted(gone.slug, None)
+        deleted = db.scalar(select(DeletedStudy).where(DeletedStudy.slug == slug))
+        return None if deleted is None else Deleted(deleted.slug, None)
 
 
 def sweep(app: AppContext) -> int:
     """Delete the session hashes of studies deleted more than 30 days ago; return their number."""
     old = select(DeletedStudy.id).where(DeletedStudy.deleted_on <= app.now() - _CODE_KEPT)
     with app.database.write() as db:
-        gone = db.scalars(
+        deleted = db.scalars(
             delete(DeletedSession)
             .where(DeletedSession.deleted_study_id.in_(old))
             .returning(DeletedSession.id)
         ).all()
-    return len(gone)
+    return len(deleted)
 
 
 def _key(token_hash: str) -> str:

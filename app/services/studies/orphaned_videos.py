@@ -86,7 +86,7 @@ def sweep(app: AppContext, stop: Callable[[], bool] = lambda: False) -> int:
     stop: checked before each note file; True ends the run. Raises StoreAwayError; what could not be
     deleted is tried again in the next run.
     """
-    gone = 0
+    deleted = 0
     for path in _notes(app):
         if stop():
             break
@@ -96,8 +96,8 @@ def sweep(app: AppContext, stop: Callable[[], bool] = lambda: False) -> int:
             left = unreferenced(app, db, _noted(path))
         app.recordings.delete(left)
         path.unlink(missing_ok=True)
-        gone += len(left)
-    return gone
+        deleted += len(left)
+    return deleted
 
 
 def _note(app: AppContext, names: Collection[str], ending: str) -> Path:

@@ -9,6 +9,8 @@ from __future__ import annotations
 import argparse
 import io
 import shutil
+import subprocess
+import sys
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
@@ -98,6 +100,8 @@ def main() -> None:
     parser.add_argument("languages", nargs="*", default=LANGUAGES, help="default: all")
     parser.add_argument("--media-dir", type=Path, default=Path("media"))
     options = parser.parse_args()
+    for language in options.languages:
+        _expect_a_font(language)
     with tempfile.TemporaryDirectory() as folder:
         server = _server(Path(folder), options.media_dir.resolve())
         server.start()
@@ -105,6 +109,16 @@ def main() -> None:
             _take_all(server, options.languages)
         finally:
             server.stop()
+
+
+def _expect_a_font(language: str) -> None:
+    """End where this machine has no font of a language: the pictures would show empty boxes."""
+    found = subprocess.run(["fc-list", f":lang={language}"], check=True, capture_output=True)
+    if not found.stdout:
+        sys.exit(
+            f"expected a font for {language!r}, got none (Debian: apt-get install fonts-noto-cjk);"
+            " `python -m tests.browser.take_screenshots en` takes the English pictures alone"
+        )
 
 
 def _server(folder: Path, media_dir: Path) -> Server:

@@ -1,4 +1,4 @@
-"""Which conditions a session goes through, in which order, and what it watches beforehand.
+"""Assigns conditions, their order and familiarisation videos to a session.
 
 Orders are the rows of a Williams design: every condition comes equally often at every position,
 and follows every other condition equally often, so that neither practice nor the trial before
@@ -78,7 +78,7 @@ def conditions_on(plan: Plan, off: Collection[str]) -> tuple[int, ...]:
 
 
 def narrowed(plan: Plan, conditions: Collection[int]) -> Plan:
-    """The plan as it is for a session of these conditions alone: how many trials and blocks.
+    """The plan of a session restricted to these conditions: number of trials and blocks.
 
     Raises ValueError if none is left, or if blocks of environments would differ in length.
     """
@@ -98,7 +98,7 @@ def narrowed(plan: Plan, conditions: Collection[int]) -> Plan:
 
 
 def sample_familiarisation(n_recordings: int, k: int, rng: np.random.Generator) -> tuple[int, ...]:
-    """k indices of recordings at random; none comes again before all have come."""
+    """k random indices of recordings; none is repeated before all have been drawn."""
     if k < 0 or n_recordings < (1 if k else 0):
         raise ValueError(f"expected recordings to draw {k} videos from, got {n_recordings}")
     drawn: list[int] = []

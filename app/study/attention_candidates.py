@@ -1,4 +1,4 @@
-"""Whether there is what a plan's attention checks need: the candidates it names, or scores."""
+"""Whether an environment has the candidates or scores that a plan's attention checks need."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -13,9 +13,9 @@ def missing_for_checks(
     candidates: Sequence[Sequence[float]],
     scored: Sequence[Sequence[float]] | None,
 ) -> Iterator[Inconsistency]:
-    """What of it this environment lacks.
+    """What this environment lacks for the checks.
 
-    candidates: its points. scored: the point of each recording that has a score; None where all do.
+    candidates: its points. scored: the point of each recording with a score; None if all have one.
     """
     names = [parameter.name for parameter in plan.parameters]
     for end, points in (("good", plan.checks.good), ("bad", plan.checks.bad)):

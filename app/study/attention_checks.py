@@ -1,7 +1,7 @@
-"""Checks among the queries of a trial: what a plan may ask for, and where they come.
+"""Checks among the queries of a trial: their settings, and their places.
 
 A repeat shows an earlier query again with its sides swapped; an attention check shows a recording
-known to be bad against one known to be good. Both tell how far the answers can be relied on.
+known to be bad against one known to be good. Both measure the reliability of the responses.
 """
 
 import math
@@ -15,7 +15,7 @@ from pydantic import Field, StrictBool, StrictStr
 from .parsed_plan import Inconsistency, Place, as_list, as_mapping
 from .plan_model import Part
 
-#: More than half of what is shown would no longer be the study.
+#: Checks are at most half of the pairs shown.
 LARGEST_SHARE = 0.5
 
 Share = Annotated[float, Field(strict=True, ge=0, le=LARGEST_SHARE, allow_inf_nan=False)]
@@ -39,7 +39,7 @@ class Checks(Part):
 
 
 class Kind(StrEnum):
-    """What comes at a place of a trial."""
+    """What is shown at one place of a trial."""
 
     MODEL = "model"
     REPEAT = "repeat"
@@ -47,17 +47,17 @@ class Kind(StrEnum):
 
 
 def number(share: float, queries: int) -> int:
-    """How many checks a share of the queries makes: the nearest whole number."""
+    """The number of checks for a share of the queries, rounded to the nearest integer."""
     return math.floor(share * queries + 0.5)
 
 
 def schedule(
     queries: int, repeats: int, attention: int, rng: np.random.Generator
 ) -> tuple[Kind, ...]:
-    """What comes at each place of a trial: its queries, and checks at random places between.
+    """The sequence of a trial: its queries, and checks at random places between them.
 
-    After any query comes one check at most. A repeat comes where at least one query other than
-    the last can be shown again that was not yet.
+    At most one check follows a query. A repeat is placed only where at least one query other than
+    the last has not been repeated yet.
     """
     if repeats > max(0, queries - 1) or repeats + attention > queries:
         raise ValueError(f"expected room after {queries} queries, got {repeats} + {attention}")
@@ -77,7 +77,7 @@ def schedule(
 def checks_inconsistencies(
     plan: Mapping[str, object], parameters: list[object]
 ) -> Iterator[Inconsistency]:
-    """Checks for which there is no room, and candidates that are none."""
+    """Checks that do not fit into a trial, and candidates that do not exist."""
     checks = as_mapping(plan.get("checks"))
     queries = plan.get("queries_per_trial")
     if isinstance(queries, int) and not isinstance(queries, bool) and queries >= 1:

@@ -1,4 +1,4 @@
-"""The first `study.yaml` of a study made in the browser: the commented example, renamed."""
+"""The first `study.yaml` of a study created in the browser: the commented example, renamed."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from ruamel.yaml.comments import CommentedMap
 
 from .recordings import FILE_COLUMN, SCORE_COLUMN
 from .scaffold import EXAMPLE
-from .yaml_edit import edited, put
+from .yaml_edit import edited, set_key
 
-#: What stands in the place of a study's own environment until it is called something.
+#: Placeholder for the name of a study's own environment.
 ENVIRONMENT = "videos"
 LONGEST_SLUG = 60
 
 
 def slug_of(title: str) -> str:
-    """A name for links made of a title: `Pouring water!` becomes `pouring-water`.
+    """A slug derived from a title: `Pouring water!` becomes `pouring-water`.
 
-    Where most of its letters are none of a to z, what is left of two titles may be the same: then
-    six characters of the title's hash follow, as in `study-3fa9c1`.
+    If most letters are outside a to z, different titles could give the same slug: then six
+    characters of the title's hash are appended, as in `study-3fa9c1`.
     """
     taken_apart = unicodedata.normalize("NFKD", title.casefold())
     plain = taken_apart.encode("ascii", "ignore").decode()
@@ -50,25 +50,25 @@ def begin_plan(
     parameters: Sequence[str] = (),
     slug: str | None = None,
 ) -> str:
-    """A `study.yaml` with every key explained. Without parameters the example's stand there.
+    """A `study.yaml` with every key explained. Without parameters it has those of the example.
 
-    slug: by default one made of the title.
+    slug: by default derived from the title.
     """
     text = (EXAMPLE / "study.yaml").read_text(encoding="utf-8")
     text = text.replace("  kitchen:\n    label: Kitchen\n", f"  {ENVIRONMENT}:\n")
     text = text.replace("environment: kitchen", f"environment: {ENVIRONMENT}")
 
     def fill(data: CommentedMap) -> None:
-        put(data, "slug", slug or slug_of(title))
-        put(data, "title", title)
-        put(data["environments"][ENVIRONMENT], "source", source)
+        set_key(data, "slug", slug or slug_of(title))
+        set_key(data, "title", title)
+        set_key(data["environments"][ENVIRONMENT], "source", source)
         if parameters:
-            put(data, "parameters", [{"name": name} for name in parameters])
+            set_key(data, "parameters", [{"name": name} for name in parameters])
 
     return edited(text, fill)
 
 
 def example_texts() -> dict[str, str]:
-    """The example's English texts by their places in a folder, with places to be filled in."""
+    """The example's English texts, with placeholders, by their paths in a folder."""
     folder: Path = EXAMPLE / "texts" / "en"
     return {f"texts/en/{path.name}": path.read_text(encoding="utf-8") for path in folder.iterdir()}

@@ -1,28 +1,28 @@
-"""Files of a study folder: within it, and as UTF-8 text."""
+"""Files of a study folder: paths within it, and UTF-8 texts."""
 
 from pathlib import Path, PurePosixPath
 
 from .validation_errors import UnreadableFileError
 
-#: A table of 20,000 videos takes a tenth of it.
+#: The longest text, in bytes; a table of 20,000 videos takes a tenth of it.
 LONGEST_TEXT = 20_000_000
 
 
 def within(root: Path, path: Path) -> bool:
-    """Whether the path leads to somewhere inside the folder, links and `..` followed.
+    """Whether the path is inside the folder after links and `..` are resolved.
 
-    A study may come from somebody else: a link in it must not bring the server's own files into
-    what evaluators and exports show.
+    A study may come from another person: a link in it must not expose the server's own files in
+    pages or exports.
     """
     try:
         return path.resolve().is_relative_to(root.resolve())
     except (OSError, RuntimeError):
-        # Links that lead to each other lead nowhere.
+        # Symbolic links in a cycle.
         return False
 
 
 def is_file(path: Path) -> bool:
-    """Whether there is a file; a name that no file system takes is none."""
+    """Whether the file exists; False for a name that the file system rejects."""
     try:
         return path.is_file()
     except (OSError, ValueError):
@@ -56,7 +56,7 @@ def read_text(root: Path, path: Path) -> str:
 
 
 def misplaced(name: str) -> str | None:
-    """What is wrong with a path within a study folder, as far as the name alone tells."""
+    """What is wrong with a path within a study folder, judged by its name; None if nothing is."""
     if not name:
         return "expected the name of a file, got nothing"
     path = PurePosixPath(name)

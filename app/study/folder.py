@@ -1,4 +1,4 @@
-"""A study folder: `study.yaml`, texts per language, and recordings, read and checked as a whole."""
+"""Reads and validates a study folder: `study.yaml`, texts per language, and recordings."""
 
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -19,7 +19,7 @@ from .recordings import RecordingRow, RecordingsReader, candidates_of
 from .validation_errors import Fault, StudyFaults, UnreadableFileError
 
 TEXT_NAMES = ("consent", "instructions", "debrief")
-#: Shown before the consent where a study has it; then it has it in every language.
+#: Optional text before the consent; a study that has it needs it in every language.
 WELCOME = "welcome"
 
 _SHIPPED_FOLDER = Path(__file__).parent / "shipped"
@@ -33,7 +33,7 @@ SHIPPED: Mapping[str, Path] = MappingProxyType(
 
 @dataclass(frozen=True)
 class StudyFolder:
-    """A study folder without fault.
+    """A valid study folder.
 
     texts: language -> name (consent, instructions, debrief, and welcome if it has one) -> Markdown.
     recordings: the rows of all CSV files, in their order; none for the crane's environments.
@@ -52,11 +52,11 @@ class StudyFolder:
 
 
 class UnknownStudyError(Exception):
-    """Neither a shipped study nor a folder on disk."""
+    """The name is neither a shipped study nor a folder on disk."""
 
 
 def resolve(name_or_path: str) -> Path:
-    """The folder of a shipped study by its name, or a folder of one's own by its path."""
+    """The folder of a shipped study by its name, or any folder by its path."""
     if name_or_path in SHIPPED:
         return SHIPPED[name_or_path]
     path = Path(name_or_path)
@@ -74,11 +74,11 @@ def load(
     settings_check: SettingsCheck | None = None,
     crane_candidates: Callable[[str], Iterable[Sequence[float]]] | None = None,
 ) -> StudyFolder:
-    """Reads a study folder; raises StudyFaults with every fault in it.
+    """Read a study folder. Raises StudyFaults with every fault in it.
 
-    `settings_check` says what is wrong with a condition's settings, or None: what they may hold
-    is the optimiser's to know. `crane_candidates` names the candidates of one of the crane's
-    environments, against which those of checks are held.
+    settings_check: returns what is wrong with a condition's settings, or None.
+    crane_candidates: returns the candidates of an environment of the crane, to validate those of
+        attention checks.
     """
     try:
         text = read_text(folder, folder / STUDY_FILE)
@@ -101,7 +101,7 @@ def _check_faults(
     rows: Sequence[RecordingRow],
     crane_candidates: Callable[[str], Iterable[Sequence[float]]] | None,
 ) -> list[Fault]:
-    """What is missing for the plan's attention checks, in every environment that is used."""
+    """What the attention checks lack, in every environment that is used."""
     found: list[Inconsistency] = []
     for name in plan.used_environments:
         is_crane = plan.environments[name].is_crane
@@ -117,7 +117,7 @@ def _check_faults(
 
 
 def _languages(reading: PlanReading) -> list[str]:
-    """The languages as far as they are sound: their texts are checked even if the plan is not."""
+    """The valid languages: their texts are checked even if the plan has faults."""
     languages = reading.data.get("languages")
     return [
         language
@@ -148,7 +148,7 @@ def _read_texts(
 
 
 def text_faults(file: str, text: str) -> Iterator[Fault]:
-    """What of a text is still to be written."""
+    """Placeholders that remain in a text."""
     if not text.strip():
         yield Fault(file, None, "expected some text, got an empty file")
     for line, placeholder in placeholders(text):
@@ -163,7 +163,7 @@ def _read_recordings(
     if not isinstance(environments, dict):
         return [], [], []
     names = parameter_names(reading.data)
-    # With a parameter that has no sound name nobody can tell which columns are missing.
+    # If a parameter has no valid name, missing columns cannot be determined.
     parameters = [name for name in names if isinstance(name, str)]
     parameters = parameters if len(parameters) == len(names) else []
     with Decoder() as decoder:

@@ -1,8 +1,8 @@
-"""Values of a link's parameters: which of them name a person or a submission, and which name none.
+"""Reads identifiers from a link's parameters, and recognises values that identify no one.
 
-A value is read as its platform means it: white space around it and invisible characters are no part
-of it, and a parameter has its name in any case. What a platform or a survey tool has left unfilled,
-such as `{{%PROLIFIC_PID%}}`, stands for nobody: two people who bring it are two people.
+White space around a value and invisible characters are ignored, and names of parameters are
+case-insensitive. A placeholder that a platform or survey tool left unfilled, such as
+`{{%PROLIFIC_PID%}}`, identifies no one: two people with the same placeholder are two people.
 """
 
 from __future__ import annotations
@@ -14,9 +14,9 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from urllib.parse import unquote
 
-#: Longer than any id of a platform, and than any address in Mechanical Turk's links.
+#: The longest value; ids of platforms and addresses in Mechanical Turk's links are shorter.
 LONGEST_ID = 200
-#: How often a value may have been encoded on its way: by a tool, by a mail program, by a redirect.
+#: How often a value may be percent-encoded: by a tool, a mail program, a redirect.
 _MOST_ENCODINGS = 4
 
 #: Shown as nothing, though Unicode calls them letters or marks.
@@ -33,19 +33,19 @@ _PARAMETERS = """
 prolificpid prolificid studyid sessionid participantid assignmentid projectid workerid hitid
 turksubmitto surveycode subjectid submissionid respondentid responseid userid
 """
-#: What programs and people write where there is no value.
+#: Words for a missing value, as programs and people write them.
 _WORDS = frozenset(_NOTHING.split())
-#: Names that tools put in place of the value, besides those of the parameters themselves.
+#: Placeholders of tools, besides the names of the parameters themselves.
 _NAMES = frozenset(_PARAMETERS.split())
-#: No platform's ids have these; templates of every tool do.
+#: Characters of placeholders, which no platform's ids contain.
 _TEMPLATE = re.compile(r"[{}<>\[\]\ufffd]|\$\(|^\$|^%[^%]*%$|^__.*__$|^([#*@~|!?:^]).*\1$")
 
 
 @dataclass(frozen=True)
 class Given:
-    """What a request says of its person: values by the plan's own names of the parameters.
+    """Identifiers of a request, by the plan's names of the parameters.
 
-    unfilled: names of parameters that came with a value that stands for nobody.
+    unfilled: names of parameters whose value is a placeholder.
     """
 
     ids: Mapping[str, str]
@@ -53,7 +53,7 @@ class Given:
 
 
 class UnreadableIdError(ValueError):
-    """A parameter that names nobody for certain; `parameter` is its name."""
+    """A parameter without one clear value; `parameter` is its name."""
 
     def __init__(self, parameter: str, message: str) -> None:
         super().__init__(f"{parameter}: {message}")
@@ -61,10 +61,10 @@ class UnreadableIdError(ValueError):
 
 
 def read(names: Iterable[str], came: Iterable[tuple[str, str]]) -> Given:
-    """The values of these parameters among those that came.
+    """The values of these parameters among those of the request.
 
-    Raises UnreadableIdError where one came twice with different values, is too long, or has
-    characters that no id has.
+    Raises UnreadableIdError for a parameter with two different values, one that is too long, or one
+    with characters that no id has.
     """
     wanted = {name.casefold(): name for name in names}
     ids: dict[str, str] = {}
@@ -74,7 +74,7 @@ def read(names: Iterable[str], came: Iterable[tuple[str, str]]) -> Given:
         if name is None:
             continue
         value = clean(raw)
-        if stands_for_nobody(value, name):
+        if identifies_no_one(value, name):
             unfilled.append(name)
             continue
         if len(value) > LONGEST_ID:
@@ -89,15 +89,15 @@ def read(names: Iterable[str], came: Iterable[tuple[str, str]]) -> Given:
 
 
 def clean(value: str) -> str:
-    """The value without white space around it, and without characters that nobody sees."""
+    """The value without surrounding white space and without invisible characters."""
     seen = "".join(
         letter for letter in value if unicodedata.category(letter) != "Cf" and letter not in _BLANK
     )
     return seen.strip().strip("\0").strip()
 
 
-def stands_for_nobody(value: str, name: str = "") -> bool:
-    """Whether the value of the parameter `name` is none: unfilled, blank, or a word for nothing."""
+def identifies_no_one(value: str, name: str = "") -> bool:
+    """Whether the value of the parameter `name` is unfilled, blank, or a word for nothing."""
     for _ in range(_MOST_ENCODINGS):
         value = clean(unicodedata.normalize("NFKC", value))
         if _is_none(value, name):

@@ -1,4 +1,4 @@
-"""A study's texts: Markdown to safe HTML, and the version of a consent text."""
+"""Renders a study's Markdown to safe HTML, and computes the version of a consent text."""
 
 import hashlib
 import re
@@ -28,10 +28,10 @@ def render(markdown: str) -> str:
 
 
 def consent_version(markdown: str) -> str:
-    """The first 12 hex digits of SHA-256 of the text.
+    """The first 12 hex digits of the SHA-256 of the text.
 
-    Line ends, trailing blanks and the way an accent is encoded do not count: no reader sees them,
-    and a change of version asks everybody for their consent again.
+    Line ends, trailing blanks and Unicode normalisation are ignored: they are invisible to readers,
+    and a new version requires everyone's consent again.
     """
     lines = unicodedata.normalize("NFC", markdown).splitlines()
     normalised = "\n".join(line.rstrip() for line in lines).strip()
@@ -52,8 +52,8 @@ def _link_open(
     options: OptionsDict,
     env: EnvType,
 ) -> str:
-    # A link opens beside the study (nobody loses their place), and the page it leads to learns
-    # neither where the reader came from nor gets a handle on the study's window.
+    # A link opens in a new tab, so that the study stays open, and its target receives
+    # neither the referrer nor a handle on the study's window.
     tokens[index].attrSet("target", "_blank")
     tokens[index].attrSet("rel", "noopener noreferrer")
     return renderer.renderToken(tokens, index, options, env)
@@ -71,9 +71,9 @@ _MARKDOWN = _markdown()
 
 
 def placeholders(markdown: str) -> list[tuple[int, str]]:
-    """Where the example's `[your words here]` still stand: line, from 1, and placeholder.
+    """The example's remaining `[your words here]`: line number, from 1, and placeholder.
 
-    A link's `[text](address)` and a reference's `[text][name]` or `[name]: address` are none.
+    `[text](address)`, `[text][name]` and `[name]: address` are links and do not count.
     """
     return [
         (number, found.group())

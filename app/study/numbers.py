@@ -1,8 +1,8 @@
-"""Reads a number that a person typed: it is taken only where it can mean one number.
+"""Parses a number typed by a person; it is accepted only if it is unambiguous.
 
-A comma or a point before the decimals is a decimal mark, unless what stands there could as well be
-thousands: `50,000` and `1.000` are asked back, with what each could mean. So are groups of digits
-and a percent sign. Digits, signs and marks of other scripts are read as what they are.
+A comma or a point before the decimals is a decimal mark, unless it could also separate thousands:
+`50,000` and `1.000` are returned as Doubtful with each possible value. So are groups of digits and
+a percent sign. Digits, signs and marks of other scripts are converted to ASCII.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from decimal import Context, Decimal
 from typing import Final
 
-#: A longer text is no number that anybody means.
+#: The longest text, in characters, that is read as a number.
 LONGEST: Final = 60
 _EXACT: Final = Context(prec=2 * LONGEST)
 
@@ -42,13 +42,13 @@ _GROUPS: Final = re.compile(
 
 @dataclass(frozen=True)
 class Doubtful:
-    """What a text could mean: the numbers, one or more, of which a person has to choose."""
+    """The possible values of an ambiguous text, one or more, from which a person has to choose."""
 
     readings: tuple[Decimal, ...]
 
 
 def read(typed: str) -> Decimal | Doubtful | None:
-    """The number that the text says; what it could mean where that is to be asked; else None."""
+    """The number in the text; Doubtful if it is ambiguous; None if it is no number."""
     text = _in_ascii(typed.strip())
     if text is None or len(text) > LONGEST:
         return None
@@ -69,7 +69,7 @@ def read(typed: str) -> Decimal | Doubtful | None:
 
 
 def plain(number: Decimal) -> str:
-    """The number in ASCII with a point, exactly, without zeros that say nothing."""
+    """The exact number in ASCII with a decimal point and without superfluous zeros."""
     short = number.normalize(_EXACT)
     if short == 0:
         return "0"
@@ -77,12 +77,12 @@ def plain(number: Decimal) -> str:
 
 
 def said(doubtful: Doubtful) -> str:
-    """What a text could mean, in words: 50000 or 50."""
+    """The possible values as words: 50000 or 50."""
     return " or ".join(plain(reading) for reading in doubtful.readings)
 
 
 def _exact(text: str) -> Decimal | None:
-    """The number that is written with a point, if a computer's number can be as large."""
+    """The number written with a point, or None if it exceeds the range of a float."""
     if not _WITH_A_POINT.fullmatch(text):
         return None
     number = Decimal(text)
@@ -91,7 +91,7 @@ def _exact(text: str) -> Decimal | None:
 
 
 def _in_ascii(text: str) -> str | None:
-    """The text with the digits and marks of every script in ASCII; None if it has other letters."""
+    """The text with digits and marks of every script in ASCII; None if it has other letters."""
     same = "".join(
         str(unicodedata.decimal(character)) if character.isdecimal() else character
         for character in text.translate(_SAME)

@@ -1,6 +1,6 @@
-"""A plan read as plain data: what checks between its fields are built from.
+"""A plan as plain data, for validation across its fields.
 
-Whatever is missing or of the wrong type is passed over here: the fields' own rules name that.
+Missing values and values of a wrong type are skipped here: the fields' own rules report them.
 """
 
 from collections.abc import Iterator, Mapping
@@ -11,7 +11,7 @@ Place = tuple[str | int, ...]
 
 @dataclass(frozen=True)
 class Inconsistency:
-    """Something that does not agree with the rest of the plan, and where it stands."""
+    """A value that contradicts the rest of the plan, and its place."""
 
     place: Place
     message: str
@@ -21,7 +21,7 @@ class Inconsistency:
 
 
 def path_text(place: Place) -> str:
-    """A place as people write it: `conditions[1].skip.label`."""
+    """A place in readable form: `conditions[1].skip.label`."""
     text = ""
     for step in place:
         text += f"[{step}]" if isinstance(step, int) else f".{step}" if text else step
@@ -29,7 +29,7 @@ def path_text(place: Place) -> str:
 
 
 def all_languages(place: Place, text: object, languages: list[object]) -> Iterator[Inconsistency]:
-    """What an evaluator reads has to be there in every language of the study."""
+    """Inconsistencies of a text that lacks a language of the study or has another one."""
     if isinstance(text, str):
         given = set(languages[:1])
     elif isinstance(text, Mapping):
@@ -47,6 +47,7 @@ def all_languages(place: Place, text: object, languages: list[object]) -> Iterat
 
 
 def repeats(section: str, values: list[object], key: str | None = None) -> Iterator[Inconsistency]:
+    """An inconsistency for each value of the section that occurs again."""
     first: dict[str, int] = {}
     for index, value in enumerate(values):
         if not isinstance(value, str):
@@ -60,12 +61,15 @@ def repeats(section: str, values: list[object], key: str | None = None) -> Itera
 
 
 def languages_of(plan: Mapping[str, object]) -> list[object]:
+    """The languages of the plan that are strings."""
     return [language for language in as_list(plan.get("languages")) if isinstance(language, str)]
 
 
 def as_mapping(value: object) -> Mapping[str, object]:
+    """The value with string keys if it is a mapping; else empty."""
     return {str(key): inner for key, inner in value.items()} if isinstance(value, Mapping) else {}
 
 
 def as_list(value: object) -> list[object]:
+    """The value as a list if it is a list or tuple; else empty."""
     return list(value) if isinstance(value, list | tuple) else []

@@ -1,8 +1,8 @@
-"""What a study's `study.yaml` may say, and the hash that freezes it.
+"""The model of a study's `study.yaml`, and the hash that freezes it.
 
-Every field's description says what is expected there: a fault in a file quotes it, so that the
-rule and the message about it cannot drift apart. What has to agree between fields is checked in
-`consistency`, which also works on a plan that is still broken elsewhere.
+Every field's description says what is expected: error messages quote it, so that rule and message
+cannot diverge. Rules between fields are in `plan_validation`, which also works on a plan with
+other faults.
 """
 
 import hashlib
@@ -70,6 +70,7 @@ class Environment(Part):
 
     @property
     def is_crane(self) -> bool:
+        """Whether recordings come from the simulated crane."""
         return self.source == CRANE
 
 
@@ -90,7 +91,7 @@ class Condition(Part):
 
 
 class Plan(Part):
-    """A whole study as its `study.yaml` says it. The upper limits only catch slips of the pen."""
+    """A whole study as written in its `study.yaml`. The upper limits only catch typing errors."""
 
     version: Literal[1] = Field(description="1, the version of this file's form")
     slug: StrictStr = Field(
@@ -200,7 +201,7 @@ class Plan(Part):
 
     @property
     def learned_per_trial(self) -> int:
-        """How many responses of a whole trial its model learns from."""
+        """The number of responses in a complete trial from which its model learns."""
         return self.shown_per_trial if self.checks.in_model else self.queries_per_trial
 
     @property
@@ -210,7 +211,7 @@ class Plan(Part):
 
     @property
     def trials_per_block(self) -> int:
-        """How many trials come together, after a familiarisation of their own."""
+        """The number of consecutive trials that share one familiarisation."""
         blocks = len(self.used_environments) if self.blocks == "environment" else 1
         return self.trials // blocks
 
@@ -224,13 +225,15 @@ class Plan(Part):
 
     @property
     def default_language(self) -> str:
+        """The first language of the study."""
         return self.languages[0]
 
     def environment_of(self, condition: Condition) -> Environment:
+        """The environment of a condition."""
         return self.environments[condition.environment]
 
     def text(self, text: str | Mapping[str, str], language: str) -> str:
-        """The text in this language; in the study's first language where there is none."""
+        """The text in this language, or else in the study's first language."""
         if isinstance(text, str):
             return text
         fallback = text.get(self.default_language) or next(iter(text.values()))

@@ -1,8 +1,7 @@
-"""The common settings of a study as a form's fields, and back into the same `study.yaml`.
+"""Common settings of a study as fields of a form, written back into the same `study.yaml`.
 
-A field that was not changed leaves its part of the file as it is, with its comments; a key that the
-form does not know is never touched. What is typed is written as it was typed: the check of the
-file says what is wrong with it.
+An unchanged field leaves its part of the file as it is, with its comments; keys that the form does
+not have are never changed. Input is written as typed: the validation of the file reports faults.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ from . import numbers
 from .parsed_plan import as_list, as_mapping
 from .plan_validation import METHODS
 from .recruitment import Outcome
-from .yaml_edit import edited, leave_out, put
+from .yaml_edit import edited, remove_key, set_key
 from .yaml_source import read_yaml
 
 #: Field -> key of the plan, for those that hold one value.
@@ -42,7 +41,7 @@ Fields = Mapping[str, str]
 
 
 def fields(text: str) -> dict[str, str]:
-    """What the fields of the form hold for this file. Raises YamlSyntaxError.
+    """The values of the form's fields for this file. Raises YamlSyntaxError.
 
     title:<language> and skip:<n>:<language> hold texts; name:<n>, method:<n> and environment:<n>
     the n-th condition; code:<outcome> and url:<outcome> the ways back.
@@ -72,12 +71,12 @@ def fields(text: str) -> dict[str, str]:
 
 
 def environments(text: str) -> list[str]:
-    """The names that a condition's environment can have."""
+    """The environments that a condition can have."""
     return list(as_mapping(read_yaml(text).data.get("environments")))
 
 
 def written(text: str, given: Fields) -> str:
-    """The file after the form was sent. Raises UneditableError, YamlSyntaxError."""
+    """The file with the values of the form. Raises UneditableError, YamlSyntaxError."""
     before = fields(text)
     changed = {field for field, value in given.items() if value.strip() != before.get(field, "")}
     if not changed:
@@ -88,16 +87,16 @@ def written(text: str, given: Fields) -> str:
 
     def change(data: CommentedMap) -> None:
         if "languages" in changed:
-            put(data, "languages", languages)
+            set_key(data, "languages", languages)
         if "languages" in changed or any(field.startswith("title:") for field in changed):
             texts = _texts(given, "title", languages, old_languages)
-            put(data, "title", texts) if texts else leave_out(data, "title")
+            set_key(data, "title", texts) if texts else remove_key(data, "title")
         for field in changed & set(SINGLE):
             _put(data, SINGLE[field], _value(field, given[field]))
         if "familiarisation" in changed:
             videos = _value("familiarisation", given["familiarisation"])
             said = {**as_mapping(plain.get("familiarisation")), "videos": videos}
-            put(data, "familiarisation", said if videos is not None else {"videos": 0})
+            set_key(data, "familiarisation", said if videos is not None else {"videos": 0})
         if changed & {"amount", "currency"}:
             before_it = as_mapping(plain.get("reward"))
             said = {
@@ -109,16 +108,16 @@ def written(text: str, given: Fields) -> str:
             _put(data, "recruitment", _recruitment(plain, given))
         of_conditions = ("name", "method", "environment", "skip", "languages")
         if any(field.partition(":")[0] in of_conditions for field in changed):
-            put(data, "conditions", _conditions(plain, given, languages, old_languages))
+            set_key(data, "conditions", _conditions(plain, given, languages, old_languages))
 
     return edited(text, change)
 
 
 def _put(data: CommentedMap, key: str, value: Any) -> None:
     if value in (None, {}):
-        leave_out(data, key)
+        remove_key(data, key)
     else:
-        put(data, key, value)
+        set_key(data, key, value)
 
 
 def _recruitment(plain: Mapping[str, object], given: Fields) -> dict[str, Any]:
@@ -142,7 +141,7 @@ def _conditions(
     languages: list[str],
     old_languages: list[str],
 ) -> list[dict[str, Any]]:
-    """The conditions as typed; one whose name was emptied goes."""
+    """The conditions as typed; one with an empty name is removed."""
     old = [dict(as_mapping(condition)) for condition in as_list(plain.get("conditions"))]
     made = []
     for index in range(MOST_CONDITIONS):
@@ -183,9 +182,9 @@ def _text(value: object, language: str, languages: list[str]) -> str:
 
 
 def _value(field: str, typed: str) -> object:
-    """A number where one was typed for a field of numbers; None where nothing was.
+    """A number if one was typed into a numeric field; None if it is empty.
 
-    What could mean two numbers stays the text that was typed, which the check names.
+    An ambiguous number stays the typed text, which the validation reports.
     """
     typed = typed.strip()
     number = numbers.read(typed) if field in _NUMBERS or field == "amount" else None

@@ -1,4 +1,4 @@
-"""What every part of a plan is made of: a strict model, and texts in one or several languages."""
+"""The base model of a plan's parts, and texts in one or several languages."""
 
 from collections.abc import Mapping
 from typing import Annotated
@@ -22,6 +22,6 @@ ONE_OR_MORE_TEXTS = "a text, or one text per language such as {en: ..., ja: ...}
 
 
 class Part(BaseModel):
-    """A part of the plan: no unknown key, no change after birth."""
+    """A part of the plan: unknown keys are refused, and instances are immutable."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")

@@ -1,4 +1,4 @@
-"""From the text of `study.yaml` to a Plan, or to every fault in it with its line."""
+"""Parses the text of `study.yaml` into a Plan, or into every fault with its line."""
 
 import difflib
 from collections.abc import Callable, Mapping
@@ -26,7 +26,7 @@ SettingsCheck = Callable[[Mapping[str, Any]], str | None]
 
 @dataclass(frozen=True)
 class PlanReading:
-    """What reading the file gave: a plan if it has no fault, and the data as far as it goes."""
+    """The result of parsing: a plan if there is no fault, and the data as far as it is readable."""
 
     plan: Plan | None
     data: Mapping[str, object]
@@ -35,6 +35,7 @@ class PlanReading:
 
 
 def read_plan(text: str, settings_check: SettingsCheck | None = None) -> PlanReading:
+    """Parse and validate the text. settings_check: returns what is wrong with settings, or None."""
     try:
         source = read_yaml(text)
     except YamlSyntaxError as error:
@@ -134,7 +135,7 @@ def _model_in(annotation: object) -> type[BaseModel] | None:
 
 
 def shown(value: object) -> str:
-    """A value as a message names it."""
+    """A value as it appears in a message."""
     if value is None:
         return "nothing"
     if isinstance(value, bool):

@@ -1,4 +1,4 @@
-"""A plan in sentences, for those who decide about a study without reading its file."""
+"""A summary of a plan in sentences, for readers who do not read its file."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from .recruitment import NO_PLATFORM
 
 
 def in_words(plan: Plan) -> list[str]:
-    """What happens to a participant, in order, and how people come in."""
+    """The course of a session, in order, and how participants are recruited."""
     return [*_session(plan), *_people(plan)]
 
 

@@ -1,15 +1,15 @@
-"""A stored plan as a `study.yaml` again: without comments, and without the defaults."""
+"""Writes a stored plan as `study.yaml`, without comments and defaults."""
 
 import yaml
 
 from .plan import Plan
 
-#: What tells how people are paid.
+#: Fields with completion codes and return links.
 _OF_PAYMENT = ("codes", "return_urls")
 
 
 def plan_text(plan: Plan, *, with_codes: bool = True) -> str:
-    """The text of a `study.yaml` that says this plan, or all of it but codes and ways back."""
+    """The text of a `study.yaml` with this plan, optionally without codes and return links."""
     said = plan.model_dump(mode="json", exclude_defaults=True)
     if not with_codes and "recruitment" in said:
         said["recruitment"] = {

@@ -1,7 +1,7 @@
-"""What has to agree between the fields of a plan.
+"""Validation across the fields of a plan.
 
-These checks read the plan as plain data and pass over whatever is missing or of the wrong type
-(the fields' own rules name that), so that one reading of a broken file finds every fault in it.
+These checks read the plan as plain data and skip values that are missing or of a wrong type (the
+fields' own rules report those), so that one pass over a broken file finds every fault.
 """
 
 import math
@@ -71,7 +71,7 @@ METHODS = (
 
 
 def inconsistencies(plan: Mapping[str, object]) -> list[Inconsistency]:
-    """All disagreements within a plan, given as plain data."""
+    """All contradictions within a plan, given as plain data."""
     return [
         *_languages(plan),
         *_parameters(plan),
@@ -169,7 +169,7 @@ def _practice(plan: Mapping[str, object]) -> Iterator[Inconsistency]:
 
 
 def _resume(plan: Mapping[str, object]) -> Iterator[Inconsistency]:
-    """Without an age, nobody could be told from those who only refresh their page."""
+    """Without a maximum age a new visit could not be distinguished from a reload."""
     resume = as_mapping(plan.get("resume"))
     policy = resume.get("policy")
     if policy in ("restart", "block") and resume.get("max_age_hours") is None:
@@ -200,4 +200,5 @@ def _finite(place: Place, value: object) -> Iterator[Inconsistency]:
 
 
 def parameter_names(plan: Mapping[str, object]) -> list[object]:
+    """The names of the plan's parameters, as they are in the file."""
     return [as_mapping(parameter).get("name") for parameter in as_list(plan.get("parameters"))]

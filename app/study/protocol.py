@@ -1,7 +1,7 @@
-"""The rules of a session: which stage follows which, on what event.
+"""The state machine of a session: which stage follows which, on what event.
 
-A pure state machine: `advance` takes the plan, where a session is, and what happened, and returns
-where the session is then, or says why that cannot happen now. Times come in with the events.
+`advance` is pure: it takes the plan, the session's progress and an event, and returns the new
+progress or raises a ProtocolError. Times are part of the events.
 """
 
 import math
@@ -16,6 +16,8 @@ from .time_left import seconds_left
 
 
 class Stage(StrEnum):
+    """A stage of a session."""
+
     CONSENT = "consent"
     DEVICE_CHECK = "device_check"
     INSTRUCTIONS = "instructions"
@@ -84,6 +86,7 @@ class Progress:
 
     @classmethod
     def start(cls) -> Self:
+        """The progress of a new session."""
         return cls(Stage.CONSENT)
 
 
@@ -97,9 +100,9 @@ class Consented:
 
 @dataclass(frozen=True)
 class Continued:
-    """A page that only has to be left is left; so many of its videos were watched.
+    """A page without other input was left; `watched` counts its videos watched to the end.
 
-    device: what was measured, where the page measures it.
+    device: the measurements, on the page that makes them.
     """
 
     at: datetime
@@ -112,7 +115,7 @@ class Continued:
 
 @dataclass(frozen=True)
 class Responded:
-    """A response (whichever it was) to the query of this index of the trial in hand."""
+    """A response, of any kind, to the query of this index of the current trial."""
 
     query_index: int
     at: datetime
@@ -152,11 +155,11 @@ Event = Consented | Continued | Responded | Undone | Answered | ScreenedOut | Wi
 
 
 class ProtocolError(Exception):
-    """An event that cannot happen where the session is."""
+    """An event that is not possible in the session's current state."""
 
 
 class OutOfOrder(ProtocolError):  # noqa: N818 - named for what happened
-    """`expected` says, for people, what is to be done in `stage` instead."""
+    """The event belongs to another stage; `expected` says what `stage` requires instead."""
 
     def __init__(self, stage: Stage, expected: str) -> None:
         super().__init__(f"The session is in stage {stage}: {expected}.")
@@ -165,7 +168,7 @@ class OutOfOrder(ProtocolError):  # noqa: N818 - named for what happened
 
 
 class StaleConsent(ProtocolError):  # noqa: N818 - named for what happened
-    """Consent to a text that is no longer the one in force."""
+    """Consent to a text that is no longer the current one."""
 
     def __init__(self, current: str, given: str) -> None:
         super().__init__(f"The consent text has changed: expected version {current}, got {given}.")
@@ -174,7 +177,7 @@ class StaleConsent(ProtocolError):  # noqa: N818 - named for what happened
 
 
 class BreakNotOver(ProtocolError):  # noqa: N818 - named for what happened
-    """`seconds_left` is rounded up: whoever waits that long can go on."""
+    """The break has not ended; `seconds_left` is rounded up."""
 
     def __init__(self, seconds_left: int) -> None:
         super().__init__(f"The break is not over: expected {seconds_left} s more of rest.")
@@ -193,7 +196,7 @@ class WatchMore(ProtocolError):  # noqa: N818 - named for what happened
 
 
 class DeviceRefused(ProtocolError):  # noqa: N818 - named for what happened
-    """The device does not pass; `lacks` names what: width, clip or line."""
+    """The device fails the check; `lacks` names why: width, clip or line."""
 
     def __init__(self, lacks: tuple[str, ...]) -> None:
         super().__init__(f"The device did not pass its check: it lacks {', '.join(lacks)}.")
@@ -226,7 +229,7 @@ _TO_BE_DONE = {
 
 
 def advance(plan: Plan, progress: Progress, event: Event) -> Progress:
-    """Where the session is after the event; raises a ProtocolError if it cannot happen now."""
+    """The progress after the event. Raises a ProtocolError if it is not possible now."""
     match event:
         case Withdrew():
             return _after_withdrawal(plan, progress)
@@ -262,7 +265,7 @@ def position(plan: Plan, progress: Progress) -> Position:
 
 
 def require_asked(plan: Plan, progress: Progress, query_index: int) -> None:
-    """Raises OutOfOrder unless the query of this index is the one that waits for its response."""
+    """Raises OutOfOrder unless the query of this index is the open one."""
     if progress.stage not in ANSWERED or query_index != progress.query_index:
         raise _out_of_order(plan, progress)
 
@@ -353,7 +356,7 @@ def _after_trial(plan: Plan, finished: int, at: datetime) -> Progress:
 
 
 def _toward_trial(plan: Plan, trial_index: int) -> Progress:
-    """On the way to a trial: first the videos to watch, where it begins a block of trials."""
+    """The progress before a trial: the familiarisation first, at the beginning of a block."""
     if plan.familiarises_before(trial_index):
         return Progress(Stage.FAMILIARISATION, trial_index=trial_index)
     return _past_the_videos(plan, trial_index)

@@ -1,4 +1,4 @@
-"""What a plan may say of the comparisons themselves: skips and their reasons, the query page."""
+"""Settings of the comparisons: skips with their reasons, and the query page."""
 
 from collections.abc import Iterator, Mapping
 from typing import Annotated
@@ -14,7 +14,7 @@ ReasonName = Annotated[StrictStr, StringConstraints(pattern=r"^[a-z][a-z0-9_]{0,
 
 
 class Skip(Part):
-    """The skip button: there is one exactly where the method has a use for a skip."""
+    """The skip button. It is required exactly where the method can use a skip."""
 
     label: LocalText = Field(description=ONE_OR_MORE_TEXTS)
     reasons: dict[ReasonName, LocalText] | None = Field(
@@ -44,7 +44,7 @@ class QueryPage(Part):
 def skip_inconsistencies(
     place: Place, skip: object, plan: Mapping[str, object]
 ) -> Iterator[Inconsistency]:
-    """What of a skip button is not said in every language of the study."""
+    """Labels of a skip button that lack a language of the study."""
     said = as_mapping(skip)
     yield from all_languages((*place, "label"), said.get("label"), languages_of(plan))
     for name, text in as_mapping(said.get("reasons")).items():

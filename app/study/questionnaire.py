@@ -1,4 +1,4 @@
-"""Short questionnaires after a trial and at the end: their items, and what counts as an answer."""
+"""Questionnaires after a trial and at the end: their items, and validation of answers."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -47,7 +47,7 @@ class Item(Part):
 
 
 class Questionnaires(Part):
-    """What is asked besides the comparisons."""
+    """The questionnaires of a study."""
 
     after_trial: tuple[Item, ...] = Field(
         default=(), max_length=20, description="a list of up to 20 items"
@@ -59,8 +59,8 @@ class Questionnaires(Part):
 class AnswerFault:
     """What is wrong with one answer.
 
-    kind: missing, likert, number, text or unknown; or doubtful, a number that could be any of
-    `readings`, each in ASCII with a point.
+    kind: missing, likert, number, text or unknown; or doubtful, an ambiguous number that could be
+    any of `readings`, each in ASCII with a point.
     """
 
     item: str
@@ -70,7 +70,7 @@ class AnswerFault:
 
 
 def as_meant(typed: str, meant: str | None) -> str | Decimal:
-    """What was typed; the reading of it that its writer chose, if it has that one."""
+    """The typed text, or the reading of it that its writer has chosen, if it has that reading."""
     number = numbers.read(typed)
     if isinstance(number, Doubtful):
         for reading in number.readings:
@@ -82,7 +82,7 @@ def as_meant(typed: str, meant: str | None) -> str | Decimal:
 def read_answers(
     items: Sequence[Item], answers: Mapping[str, object]
 ) -> tuple[dict[str, str | None], list[AnswerFault]]:
-    """Each item's answer as it is stored (None: not answered), and every fault in them."""
+    """Each item's answer as it is stored (None: not answered), and every fault."""
     values: dict[str, str | None] = {}
     faults = [
         AnswerFault(name, "unknown", f"expected an answer to an item asked here, got {name!r}")
@@ -139,7 +139,7 @@ def _expected(item: Item) -> str:
 
 
 def number_range(item: Item) -> str:
-    """Which numbers an item takes, in words."""
+    """The numbers that an item accepts, in words."""
     if item.min is not None and item.max is not None:
         return f"a number from {item.min:.15g} to {item.max:.15g}"
     if item.min is not None:

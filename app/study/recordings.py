@@ -1,6 +1,6 @@
-"""The recordings of a study's own: a CSV file with one row per video.
+"""Reads the CSV files that list a study's recordings, one row per video.
 
-Its header names every parameter, `file`, and optionally `score`. Rows with equal parameters are
+The header names every parameter, `file`, and optionally `score`. Rows with equal parameters are
 several recordings of one candidate.
 """
 
@@ -22,7 +22,7 @@ from . import numbers
 from .files import is_file, misplaced, read_text, within
 from .numbers import Doubtful
 from .validation_errors import Fault, UnreadableFileError
-from .video_probe import look
+from .video_probe import probe
 
 FILE_COLUMN = "file"
 SCORE_COLUMN = "score"
@@ -71,7 +71,7 @@ class _NoVideoError(Exception):
 
 @dataclass
 class RecordingsReader:
-    """Reads the CSV files of one study, and remembers each video so that none comes twice."""
+    """Reads the CSV files of one study; a video may occur only once in all of them."""
 
     root: Path
     decoder: Decoder
@@ -81,7 +81,7 @@ class RecordingsReader:
     _rows_by_content: dict[str, str] = field(default_factory=dict)
 
     def read(self, environment: str, source: str, parameters: Sequence[str]) -> list[RecordingRow]:
-        """The rows without fault. Empty `parameters`: every other column is taken for one."""
+        """The rows without faults. Empty `parameters`: every other column is a parameter."""
         lines = self._lines(source)
         if not lines:
             return []
@@ -179,7 +179,7 @@ class RecordingsReader:
     def _remark_on_points(
         self, source: str, header: Sequence[str], lines: Sequence[_Line], column: str
     ) -> None:
-        """Say it where numbers with a point are read that could have been meant as thousands."""
+        """Add a remark if numbers with a point could have been meant as thousands."""
         if column not in header:
             return
         place = header.index(column)
@@ -215,7 +215,7 @@ class RecordingsReader:
             if first != here:
                 came = f"got {cell!r} with the same content as the one in {first}"
                 raise _NoVideoError(f"expected each video once, {came}")
-            video = look(self.decoder, path, sha256)
+            video = probe(self.decoder, path, sha256)
         except (UnreadableVideoError, OSError) as error:
             raise _NoVideoError(
                 f"expected a video that can be played, got {cell!r}: {error}"
@@ -235,7 +235,7 @@ class RecordingsReader:
 
 
 def _meant(cell: str) -> str:
-    """What somebody may have meant by a cell that is no number with a decimal point."""
+    """Advice for a cell that is no number with a decimal point."""
     number = numbers.read(cell)
     if isinstance(number, Doubtful):
         return f" (write {numbers.said(number)}, whichever is meant)"
@@ -253,7 +253,7 @@ def _maybe_thousands(cells: Sequence[str]) -> str | None:
 
 
 def candidates_of(rows: Sequence[RecordingRow], environment: str) -> tuple[tuple[float, ...], ...]:
-    """The different candidates of an environment, in the order they first come in the file."""
+    """The distinct candidates of an environment, in the order of their first row."""
     return tuple(dict.fromkeys(row.candidate for row in rows if row.environment == environment))
 
 

@@ -1,6 +1,6 @@
-"""Where participants come from: what a platform's link says of them, and the way back to it.
+"""Recruitment platforms: the parameters of their links, and the links back to them.
 
-Forms of addresses: Prolific returns by `submissions/complete?cc=CODE`; CloudResearch Connect by
+Prolific returns by `submissions/complete?cc=CODE`; CloudResearch Connect by
 `participant/project/PROJECT/complete`; SONA grants credit at the study's own client-side
 completion address, given the survey code; Mechanical Turk takes a form at `externalSubmit`.
 """
@@ -20,7 +20,7 @@ from .plan_model import Part
 
 NO_PLATFORM = "none"
 
-#: How a passage may end, as far as a platform is concerned.
+#: The outcomes of a session that a platform distinguishes.
 Outcome = Literal["completed", "screened_out", "declined", "withdrawn", "technical"]
 
 #: Where Mechanical Turk takes results, and nowhere else: the address comes from the link.
@@ -29,7 +29,7 @@ MTURK_HOSTS = ("www.mturk.com", "workersandbox.mturk.com")
 MTURK_FRAMES = ("https://worker.mturk.com", "https://workersandbox.mturk.com")
 _NOT_ACCEPTED = "ASSIGNMENT_ID_NOT_AVAILABLE"
 
-#: An id that may become part of an address.
+#: Form of an id that may become part of an address.
 _PLAIN_ID = re.compile(r"[A-Za-z0-9_-]{1,64}")
 
 
@@ -73,7 +73,7 @@ Address = Annotated[StrictStr, StringConstraints(pattern=r"^https://[^\s/]+(/\S*
 
 
 class Recruitment(Part):
-    """How participants are recruited, and how they get back to where they came from."""
+    """How participants are recruited, and how they return to the platform."""
 
     platform: Literal["none", "prolific", "connect", "sona", "mturk"] = Field(
         default="none", description="none, prolific, connect, sona or mturk"
@@ -128,7 +128,7 @@ class Recruitment(Part):
 
 @dataclass(frozen=True)
 class WayBack:
-    """What somebody takes away at the end. `fields`: to be sent to `url` as a form, else a link."""
+    """The completion code and return link; with `fields`, they are sent to `url` as a form."""
 
     code: str | None
     url: str | None
@@ -136,7 +136,7 @@ class WayBack:
 
 
 def study_link(platform: str, address: str, parameter: str) -> str:
-    """The study's link as it is given to a platform, whose marks stand for what it fills in.
+    """The study's link for a platform, with the placeholders that the platform fills in.
 
     Connect and Mechanical Turk add their parameters to a plain link themselves.
     """
@@ -184,12 +184,12 @@ def submission(recruitment: Recruitment, ids: Mapping[str, str]) -> tuple[str, s
 
 
 def is_mturk_preview(recruitment: Recruitment, given: Mapping[str, str]) -> bool:
-    """Whether somebody only looks at the task on Mechanical Turk, and has not accepted it."""
+    """Whether this is a preview of the task on Mechanical Turk, before it is accepted."""
     return recruitment.platform == "mturk" and given.get("assignmentId") == _NOT_ACCEPTED
 
 
 def way_back(recruitment: Recruitment, outcome: Outcome, ids: Mapping[str, str]) -> WayBack | None:
-    """The code and the way back after this outcome, for the person of these ids; None if none."""
+    """The completion code and return link for this outcome and these ids; None without either."""
     code = recruitment.codes.get(outcome)
     url = recruitment.return_urls.get(outcome)
     if outcome == "withdrawn":
@@ -218,7 +218,7 @@ def way_back(recruitment: Recruitment, outcome: Outcome, ids: Mapping[str, str])
 
 
 def disagreements(plan: Mapping[str, object]) -> Iterator[Inconsistency]:
-    """What does not agree within the plan's `recruitment`, given as plain data."""
+    """Contradictions within the plan's `recruitment`, given as plain data."""
     said = as_mapping(plan.get("recruitment"))
     platform = said.get("platform", NO_PLATFORM)
     place = ("recruitment",)

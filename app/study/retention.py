@@ -1,4 +1,4 @@
-"""For how long a study keeps what it is given: the plan's rule, and what is due by it."""
+"""Retention: the plan's rule, and what is due for deletion by it."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -26,14 +26,14 @@ class Retention(Part):
 
 @dataclass(frozen=True)
 class Due:
-    """What has to be deleted of a session's person: their ids, or the whole session."""
+    """What is due for deletion: the identifiers, or the whole session."""
 
     identities: bool
     everything: bool
 
 
 def due(rule: Retention, ended_at: datetime | None, expires_at: datetime, now: datetime) -> Due:
-    """What is due of a session at `now`; days count from its end, or else from its expiry."""
+    """What is due for deletion at `now`; days count from the session's end, or else its expiry."""
     over_since = expires_at if ended_at is None else ended_at
 
     def passed(days: int | None) -> bool:
@@ -43,7 +43,7 @@ def due(rule: Retention, ended_at: datetime | None, expires_at: datetime, now: d
 
 
 def disagreements(plan: Mapping[str, object]) -> Iterator[Inconsistency]:
-    """What does not agree within the plan's `retention`, given as plain data."""
+    """Contradictions within the plan's `retention`, given as plain data."""
     said = as_mapping(plan.get("retention"))
     identities, everything = said.get("identity_days"), said.get("everything_days")
     if isinstance(identities, int) and isinstance(everything, int) and identities > everything:

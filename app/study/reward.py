@@ -1,4 +1,4 @@
-"""What a plan may say of what people are given for taking part."""
+"""The reward for taking part."""
 
 from typing import Annotated
 

@@ -1,4 +1,4 @@
-"""The start of a study of one's own: a folder with a commented example to be filled in."""
+"""Creates a study folder from the commented example."""
 
 import shutil
 from pathlib import Path
@@ -7,7 +7,7 @@ EXAMPLE = Path(__file__).parent / "shipped" / "example"
 
 
 class FolderNotEmptyError(Exception):
-    """The folder to begin a study in holds something already (or is a file)."""
+    """The folder for a new study is not empty, or is a file."""
 
 
 def require_empty(folder: Path) -> None:

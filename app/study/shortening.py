@@ -1,4 +1,4 @@
-"""Long texts shortened, so that a message stays small whatever it repeats."""
+"""Shortens long texts, so that a message stays small whatever it quotes."""
 
 from __future__ import annotations
 

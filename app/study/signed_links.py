@@ -1,7 +1,7 @@
-"""Links that Prolific signs: a token in the address says who comes, for which study's address.
+"""Verifies links signed by Prolific.
 
-Prolific adds `prolific_token`, a JWT signed by RS256 with one of the keys that it publishes. Its
-claim `prolific` has the parameters of the link, `aud` the address it was made for.
+Prolific adds `prolific_token`, a JWT signed by RS256 with one of its published keys. Its claim
+`prolific` has the parameters of the link, and `aud` the address of the study.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ _MOST_CHARACTERS = 6_000
 
 
 class SignatureError(ValueError):
-    """The token does not show that Prolific sent its bearer here."""
+    """The token does not prove that Prolific sent its bearer to this study."""
 
 
 def key_id(token: str) -> str:
-    """Which of the published keys the token says it was signed with. Raises SignatureError."""
+    """The id of the published key that signed the token. Raises SignatureError."""
     if not token or len(token) > _MOST_CHARACTERS:
         raise SignatureError("expected a link that Prolific signed, and its token is missing")
     try:
@@ -41,7 +41,7 @@ def key_id(token: str) -> str:
 def verified(token: str, key: jwt.PyJWK, address: str, leeway_s: float = 0) -> dict[str, str]:
     """The parameters of the link as Prolific signed them, for this address of ours.
 
-    leeway_s: for how long after its end the token is still taken. Raises SignatureError.
+    leeway_s: how long the token is accepted after its expiry. Raises SignatureError.
     """
     try:
         claims: Mapping[str, Any] = jwt.decode(

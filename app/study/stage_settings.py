@@ -1,4 +1,4 @@
-"""What a plan may say of the stages around its comparisons."""
+"""Settings of the stages around the comparisons."""
 
 from dataclasses import dataclass
 from typing import Annotated, Literal
@@ -7,9 +7,9 @@ from pydantic import Field, StrictBool, StrictInt
 
 from .plan_model import Part
 
-#: The practice's trial: before the first, and no trial of the plan.
+#: Trial index of the practice, which is not a trial of the plan.
 PRACTICE_INDEX = -1
-#: What the practice is called where a trial's condition or a query's type stands.
+#: Name of the practice in place of a trial's condition or a query's type.
 PRACTICE = "practice"
 
 
@@ -32,7 +32,7 @@ class Familiarisation(Part):
 
 
 class Practice(Part):
-    """Pairs to learn the page by, drawn at random; their answers never reach a model."""
+    """Practice pairs, drawn at random; their responses never reach a model."""
 
     queries: StrictInt = Field(
         default=0, ge=0, le=100, description="a whole number from 0 (none) to 100"
@@ -40,10 +40,10 @@ class Practice(Part):
 
 
 class Resume(Part):
-    """What happens to somebody who comes back to a session that they did not finish.
+    """What happens when a participant returns to an unfinished session.
 
-    Within `max_age_hours` of their last action everybody goes on where they were: a closed page, a
-    refresh and a power cut look alike.
+    Within `max_age_hours` of the last action every session continues: a closed page, a reload and a
+    power cut cannot be distinguished.
     """
 
     policy: Literal["resume", "restart", "block"] = Field(
@@ -56,7 +56,7 @@ class Resume(Part):
 
 @dataclass(frozen=True)
 class Device:
-    """What a browser measured: its width, whether the clip played to its end, and the line."""
+    """Measurements of a browser: width, whether the clip played to its end, and bandwidth."""
 
     width_px: int
     played: bool = False
@@ -64,7 +64,7 @@ class Device:
 
 
 class DeviceCheck(Part):
-    """What a device has to be capable of before it is any use to begin."""
+    """Requirements that a device must meet before the study begins."""
 
     test_clip: StrictBool = Field(default=True, description="true or false")
     min_width_px: StrictInt | None = Field(

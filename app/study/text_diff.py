@@ -1,4 +1,4 @@
-"""The difference between two texts, line by line, for someone who has to choose between them."""
+"""The difference between two texts, line by line."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ class Line:
     text: str
 
 
-def mark_of(text: str) -> str:
-    """What a form carries to say which text it was filled from."""
+def text_hash(text: str) -> str:
+    """A hash in a form that identifies the text from which it was filled."""
     return hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest()[:32]
 
 
 def difference(theirs: str, yours: str) -> list[Line]:
-    """The lines that differ, with two around each; `…` stands for those left out."""
+    """The lines that differ, with two lines of context each; `…` stands for omitted lines."""
     first, second = theirs.splitlines(), yours.splitlines()
     if max(len(first), len(second)) > MOST_LINES:
         return [Line(" ", f"… more than {MOST_LINES:,} lines: they are not compared")]

@@ -1,18 +1,18 @@
-"""What is left of a time that was given to somebody, whatever the server's clock does meanwhile."""
+"""Computes the time left of a period, robust against changes of the server's clock."""
 
 from __future__ import annotations
 
 from datetime import datetime
 
-#: By how much a clock may be set back, or two machines' clocks differ, without a word, in seconds.
+#: Tolerated difference of clocks, in seconds: set back, or between two machines.
 _CLOCKS_DIFFER_S = 60.0
 
 
 def seconds_left(given_s: float, ends_at: datetime, now: datetime) -> float:
-    """How much is left of `given_s` seconds that end at `ends_at`: 0 once they are over.
+    """The rest of a period of `given_s` seconds that ends at `ends_at`; 0 once it is over.
 
-    It is never more than was given. Where it would be more by over a minute, the clock was set
-    back, by hours perhaps: nobody is to wait until it comes round again, so nothing is left.
+    It is never more than `given_s`. If the clock implies over a minute more, it was set back,
+    perhaps by hours: the result is 0, so that no one waits for it to catch up.
     """
     left = (ends_at - now).total_seconds()
     if left > given_s + _CLOCKS_DIFFER_S:

@@ -1,4 +1,4 @@
-"""Making videos that every browser plays of those in a study's folder that some cannot."""
+"""Transcodes videos in a study's folder that some browsers cannot play."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from .files import is_file, misplaced, read_text, within
 from .recordings import FILE_COLUMN
 from .validation_errors import UnreadableFileError
 
-#: Told how many seconds of how many are done.
+#: Callback with the seconds done and the seconds in total.
 Report = Callable[[int, int], None]
 
 
 def transcode_folder(folder: Path, report: Report, *, keep: bool) -> list[str]:
-    """Transcode every video that a table of the folder names and some browser cannot play.
+    """Transcode every video listed in the folder's tables that some browser cannot play.
 
-    The tables name the new files then. keep: whether the old files stay. Returns the new names.
+    The tables are rewritten with the new names. keep: keep the old files. Returns the new names.
     """
     with Decoder() as decoder:
         found = list(_unplayable(folder, decoder))
@@ -74,7 +74,7 @@ def _unplayable(folder: Path, decoder: Decoder) -> Iterator[tuple[Path, str, flo
 
 
 def _free_name(source: Path) -> Path:
-    """A name beside the source that nothing has: `a.avi` becomes `a.mp4`, or else `a-h264.mp4`."""
+    """An unused name beside the source: `a.avi` becomes `a.mp4`, or else `a-h264.mp4`."""
     names = (f"{source.stem}.mp4", f"{source.stem}-h264.mp4")
     for name in (*names, *(f"{source.stem}-h264-{number}.mp4" for number in range(2, 1000))):
         target = source.with_name(name)

@@ -1,4 +1,4 @@
-"""A fault in a study folder, and the error that brings all of them at once."""
+"""A fault in a study folder, and the exception that carries all of them."""
 
 import re
 from collections.abc import Sequence
@@ -18,8 +18,8 @@ LONGEST_MESSAGE = 1_000
 
 
 @dataclass(frozen=True)
-class Told:
-    """A fault in its parts, for a table: where in the line, what was expected, and what came."""
+class FaultParts:
+    """The parts of a fault's message: where in the line, what was expected, and what came."""
 
     place: str
     expected: str
@@ -44,14 +44,16 @@ class Fault:
             object.__setattr__(self, "message", short)
 
     @property
-    def told(self) -> Told:
-        """Its parts; a message of another form is wholly what came."""
+    def parts(self) -> FaultParts:
+        """The parts of the message; a message of another form counts as what came."""
         found = _TOLD.fullmatch(self.message)
         if found is None:
-            return Told("", "", self.message)
+            return FaultParts("", "", self.message)
         before = found["before"].rstrip(", ")
         got = found["got"] or found["rest"] or ""
-        return Told(found["place"] or "", found["expected"], " ".join(filter(None, (before, got))))
+        return FaultParts(
+            found["place"] or "", found["expected"], " ".join(filter(None, (before, got)))
+        )
 
     def __str__(self) -> str:
         place = self.file if self.line is None else f"{self.file}:{self.line}"
@@ -59,7 +61,7 @@ class Fault:
 
 
 class StudyFaults(Exception):  # noqa: N818 - it is its faults, one or more
-    """A study folder that cannot be used; its text has one line per fault."""
+    """A study folder with faults; the message has one line per fault."""
 
     def __init__(self, faults: Sequence[Fault]) -> None:
         # A file can hold one value of a million characters: a fault repeats the beginning of it.

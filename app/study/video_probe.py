@@ -1,4 +1,4 @@
-"""What is in a video, looked up once for each content: a check decodes each video to its end."""
+"""Cache of probed videos by content hash: each probe decodes a video to its end."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from app.video.video_info import DecoderFailedError, NotTriedError, UnreadableVi
 
 #: Videos whose result is cached: those of a large study, twice.
 MAX_VIDEOS = 20_000
-#: What was found, or why nothing could be: by the hash of the content.
+#: Result or error, by the hash of the content.
 _found: LRUCache[str, Video | str] = LRUCache(MAX_VIDEOS)
-#: On what the decoder failed, with the time of the file: whoever sends it again has it tried again.
+#: Videos on which the decoder failed, with the file's time: a new upload is tried again.
 _failed: LRUCache[tuple[str, int], str] = LRUCache(MAX_VIDEOS)
 
 
 _lock = Lock()
 
 
-def look(decoder: Decoder, path: Path, sha256: str) -> Video:
-    """What the video of this content is. Raises UnreadableVideoError, OSError."""
+def probe(decoder: Decoder, path: Path, sha256: str) -> Video:
+    """Information about the video with this content. Raises UnreadableVideoError, OSError."""
     sent = (sha256, path.stat().st_mtime_ns)
     with _lock:
         failure, found = _failed.get(sent), _found.get(sha256)

@@ -1,4 +1,4 @@
-"""Changing a `study.yaml` in places, so that comments and all other keys stay as they were."""
+"""Edits parts of a `study.yaml` and keeps comments and all other keys."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ _WIDTH = 100_000
 
 
 class UneditableError(Exception):
-    """The text holds something that has to be put right by hand first."""
+    """The text has a construct that must be corrected by hand first."""
 
 
 def edited(text: str, change: Callable[[CommentedMap], None]) -> str:
-    """The text after `change` was made to its data. Raises UneditableError."""
+    """The text after `change` was applied to its data. Raises UneditableError."""
     try:
         # Aliases, depth and the rest are refused as they are where a study is read.
         source = read_yaml(text)
@@ -55,10 +55,9 @@ def edited(text: str, change: Callable[[CommentedMap], None]) -> str:
 
 
 def plain(value: Any) -> Any:
-    """A value in the form in which it is written: texts in quotes.
+    """A value as it is written: texts are quoted.
 
-    Without quotes `no` and `1.0` in an answer to "what is it called" would be read as something
-    else than a text.
+    Without quotes YAML would read `no` and `1.0` as other types than text.
     """
     if isinstance(value, str):
         return DoubleQuotedScalarString(value)
@@ -73,8 +72,8 @@ def plain(value: Any) -> Any:
     return value
 
 
-def put(mapping: CommentedMap, key: str, value: Any) -> None:
-    """Give a key this value; what stands in its old value alike keeps its form and its comments."""
+def set_key(mapping: CommentedMap, key: str, value: Any) -> None:
+    """Set a key; equal parts of its old value keep their formatting and comments."""
     old = mapping.get(key)
     tail = _take_tail(old)
     if isinstance(old, CommentedMap) and isinstance(value, dict) and value:
@@ -89,8 +88,8 @@ def put(mapping: CommentedMap, key: str, value: Any) -> None:
         _give_at(mapping, key, tail)
 
 
-def leave_out(mapping: CommentedMap, key: str) -> None:
-    """Take a key away; the comment before the next key stays."""
+def remove_key(mapping: CommentedMap, key: str) -> None:
+    """Remove a key; the comment before the next key stays."""
     if key not in mapping:
         return
     keys = list(mapping)
@@ -105,7 +104,7 @@ def _put_keys(old: CommentedMap, value: dict[str, Any]) -> None:
     for name in [name for name in old if name not in value]:
         del old[name]
     for name, inner in value.items():
-        put(old, name, inner)
+        set_key(old, name, inner)
 
 
 def _put_items(old: CommentedSeq, value: list[Any]) -> None:
@@ -125,7 +124,7 @@ def _put_items(old: CommentedSeq, value: list[Any]) -> None:
 
 
 def _take_tail(node: Any) -> Any:
-    """The comment after the last value within the node, taken off it."""
+    """Remove and return the comment after the last value within the node."""
     if not isinstance(node, CommentedMap | CommentedSeq) or not node:
         return None
     last, place = _last(node)

@@ -1,6 +1,6 @@
-"""Reading YAML so that every key and list item knows the line it stands on.
+"""Reads YAML with the line number of every key and list item.
 
-PyYAML's own loader forgets the lines, and keeps the last of two equal keys without a word.
+PyYAML's own loader discards line numbers, and silently keeps the last of two equal keys.
 """
 
 import math
@@ -19,7 +19,7 @@ DEEPEST_LEVEL = 50
 LONGEST_TEXT = 100_000
 #: A longer number, or date, is a slip; one of 20,000 digits takes seconds to be read.
 LONGEST_NUMBER = 60
-#: What a database holds as a whole number.
+#: The range of integers that databases store.
 LARGEST_WHOLE = 2**63 - 1
 _IN_DIGITS = re.compile(r"[-+]?((0|[1-9][0-9]*)(\.[0-9]*)?|\.[0-9]+)([eE][-+]?[0-9]+)?")
 _UNSTORABLE = re.compile("[\0\ud800-\udfff]")
@@ -28,12 +28,14 @@ _NUMBERS = frozenset(f"tag:yaml.org,2002:{name}" for name in ("int", "float", "t
 
 @dataclass(frozen=True)
 class YamlProblem:
+    """A fault in a YAML text and its line, counted from 1."""
+
     line: int
     message: str
 
 
 class YamlSyntaxError(Exception):
-    """Not the YAML of a study at all: nothing in it can be checked."""
+    """The text is not a YAML mapping, so nothing in it can be checked."""
 
     def __init__(self, problem: YamlProblem) -> None:
         super().__init__(f"line {problem.line}: {problem.message}")
@@ -49,7 +51,7 @@ class YamlSource:
     problems: tuple[YamlProblem, ...]
 
     def line(self, place: Place) -> int:
-        """The line of the place, or of the nearest part of the file that holds it."""
+        """The line of the place, or of the nearest enclosing part of the file."""
         while place and place not in self.lines:
             place = place[:-1]
         return self.lines.get(place, 1)
@@ -57,7 +59,7 @@ class YamlSource:
 
 @dataclass
 class _Reader:
-    """Turns a node tree into data, noting lines and repeated keys on the way."""
+    """Converts a node tree into data, recording lines and repeated keys."""
 
     lines: dict[Place, int] = field(default_factory=dict)
     problems: list[YamlProblem] = field(default_factory=list)
@@ -169,7 +171,7 @@ def read_yaml(text: str) -> YamlSource:
 
 
 def _refuse_aliases_and_depth(text: str) -> None:
-    """Aliases can repeat or contain themselves without end; a study has no need of them."""
+    """Refuse aliases, which can repeat or contain themselves without end, and excessive depth."""
     depth = 0
     for event in yaml.parse(text, Loader=yaml.SafeLoader):
         line = _line(event)
@@ -186,7 +188,7 @@ def _refuse_aliases_and_depth(text: str) -> None:
 
 
 def _require_storable(node: yaml.Node, text: str) -> None:
-    """YAML can escape what no UTF-8 has (half a pair of surrogates) and no database takes (NUL)."""
+    """Refuse NUL and half a pair of surrogates, which YAML can escape and databases cannot hold."""
     odd = _UNSTORABLE.search(text)
     if odd is not None:
         message = f"expected letters that can be stored, got the character {odd[0]!a}"

@@ -35,7 +35,7 @@ from app.study.files import read_text
 from app.study.folder import StudyFolder
 from app.study.plan_source import STUDY_FILE
 from app.study.recordings import PLAYABLE
-from app.study.text_diff import mark_of
+from app.study.text_diff import text_hash
 from app.study.validation_errors import Fault, StudyFaults, UnreadableFileError
 
 from . import files as draft_files
@@ -82,7 +82,7 @@ class Checked:
     def can_be_transcoded(self) -> int:
         """The number of videos that some browser cannot play."""
         expected_values = (
-            fault.told.expected for faults in self.faults.values() for fault in faults
+            fault.parts.expected for faults in self.faults.values() for fault in faults
         )
         return sum(expected == PLAYABLE for expected in expected_values)
 
@@ -253,7 +253,7 @@ def write_text(
 ) -> None:
     """Write a text file of the draft.
 
-    base: the `text_diff.mark_of` of the text that the edit started from. Raises
+    base: the `text_diff.text_hash` of the text that the edit started from. Raises
     ChangedMeanwhileError if the file has another text by now, or UploadRefusedError.
     """
     written = text.replace("\r\n", "\n")
@@ -263,7 +263,7 @@ def write_text(
         _touch(db, app, draft)
         if base is not None:
             there = text_of(draft, name)
-            if mark_of(there) != base and there != written:
+            if text_hash(there) != base and there != written:
                 raise ChangedMeanwhileError(
                     f"expected {name} as it was when this page was opened, and it was changed"
                 )

@@ -25,7 +25,7 @@ from app.services.runtime.errors import (
     NotFoundError,
 )
 from app.services.studies import access
-from app.study.text_diff import difference, mark_of
+from app.study.text_diff import difference, text_hash
 from app.study.validation_errors import StudyFaults
 from app.web.http.security import AppDep
 
@@ -176,7 +176,7 @@ def _text_page(
         draft=draft,
         file=file,
         text=stored if typed is None else typed,
-        base=mark_of(stored),
+        base=text_hash(stored),
         lines=() if typed is None else difference(stored, typed),
         faults=drafts.check(app, draft).faults.get(file, ()),
     )

@@ -18,7 +18,7 @@ from app.study import plan_form
 from app.study.plan_source import STUDY_FILE
 from app.study.plan_validation import METHODS
 from app.study.recruitment import PLATFORMS
-from app.study.text_diff import mark_of
+from app.study.text_diff import text_hash
 from app.study.yaml_edit import UneditableError
 from app.study.yaml_source import YamlSyntaxError
 from app.web.http.security import AppDep
@@ -61,7 +61,7 @@ def _page(
         status_code=200 if typed is None else 409,
         draft=draft,
         values=values,
-        base=mark_of(text),
+        base=text_hash(text),
         is_refused=typed is not None,
         differing=[
             (name, stored.get(name, ""), value.strip())
@@ -102,11 +102,11 @@ def _save(
 ) -> Response:
     draft = drafts.find(app, caller, public_id)
     text = drafts.text_of(draft, STUDY_FILE)
-    if base is not None and base != mark_of(text):
+    if base is not None and base != text_hash(text):
         return _page(request, app, caller, draft, given)
     try:
         written = plan_form.written(text, given)
-        drafts.write_text(app, draft, STUDY_FILE, written, mark_of(text))
+        drafts.write_text(app, draft, STUDY_FILE, written, text_hash(text))
     except ChangedMeanwhileError:
         return _page(request, app, caller, draft, given)
     except (UneditableError, YamlSyntaxError) as error:

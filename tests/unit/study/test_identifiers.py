@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.study.identifiers import LONGEST_ID, Given, UnreadableIdError, read, stands_for_nobody
+from app.study.identifiers import LONGEST_ID, Given, UnreadableIdError, identifies_no_one, read
 
 UNFILLED = [
     "{{%PROLIFIC_PID%}}",
@@ -40,7 +40,7 @@ def test_what_nobody_filled_in_stands_for_nobody_in_every_encoding(value: str) -
     once, twice = quote(value, safe=""), quote(quote(value, safe=""), safe="")
     spaced = f"\u200b {value}\u3000"
     for written in (value, once, twice, spaced, quote(spaced)):
-        assert stands_for_nobody(written), written
+        assert identifies_no_one(written), written
         assert read(["PROLIFIC_PID"], [("PROLIFIC_PID", written)]) == Given({}, ("PROLIFIC_PID",))
 
 
@@ -54,7 +54,7 @@ def test_an_id_names_somebody(value: str) -> None:
 
 @given(st.from_regex(r"[0-9a-f]{24}", fullmatch=True).filter(lambda value: set(value) != {"0"}))
 def test_every_id_of_prolifics_form_names_somebody(value: str) -> None:
-    assert not stands_for_nobody(value, "PROLIFIC_PID")
+    assert not identifies_no_one(value, "PROLIFIC_PID")
 
 
 def test_an_id_is_read_without_what_nobody_sees_and_under_a_name_in_any_case() -> None:

@@ -98,7 +98,7 @@ def read_everywhere(text: str) -> None:
     reading = read_plan(text)
     assert (reading.plan is None) == bool(reading.faults)
     for fault in reading.faults:
-        str(fault), fault.told
+        str(fault), fault.parts
         assert len(fault.message) < 1_100
     if reading.plan is not None:
         plan_hash(reading.plan, {})

@@ -101,7 +101,7 @@ def test_a_folders_videos_are_transcoded_and_its_table_names_them(
     with pytest.raises(StudyFaults) as caught:
         load(folder)
     [fault] = caught.value.faults
-    assert (fault.line, fault.told.expected) == (
+    assert (fault.line, fault.parts.expected) == (
         2,
         "a video that every browser plays, such as H.264 in MP4",
     )

@@ -72,7 +72,7 @@ def asked(
     completed: bool,
 ) -> Request:
     """What the options ask for. Raises ServiceError."""
-    return exports.settled(
+    return exports.resolve_flags(
         app,
         Request(
             repository.find(app, slug),

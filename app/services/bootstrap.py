@@ -85,7 +85,7 @@ def open_app(
         recordings=recordings,
         proposer=Proposer(database, background, recordings.prefetch, metrics),
         metrics=metrics,
-        deletion_log=DeletionLog(settings.ledger_path),
+        deletion_log=DeletionLog(settings.deletion_log_path),
         secret=secret,
         addresses=VideoAddresses(secret),
         platform_keys=PlatformKeys(settings.prolific_keys),

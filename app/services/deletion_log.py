@@ -58,7 +58,7 @@ class DeletionLog:
     def __init__(self, path: Path) -> None:
         self.path = path
 
-    def note(self, at: datetime, what: str, keys: Iterable[str]) -> None:
+    def append(self, at: datetime, what: str, keys: Iterable[str]) -> None:
         """Append a line for each key, and flush them to disk.
 
         Call it before the deletion commits: a superfluous line only repeats a deletion that was
@@ -89,7 +89,7 @@ def merge(path: Path, lines: Iterable[Deleted]) -> list[Deleted]:
         known = dict.fromkeys(read(path) if path.exists() else ())
         lacking = [line for line in dict.fromkeys(lines) if line not in known]
         for line in lacking:
-            DeletionLog(path).note(line.day, line.what, [line.key])
+            DeletionLog(path).append(line.day, line.what, [line.key])
     except OSError as error:
         raise ConflictError(
             f"expected a ledger of deletions to read and write at {path}: {error.strerror}"

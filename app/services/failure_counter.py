@@ -96,11 +96,11 @@ class FailureCounter:
 
     def count(self, kind: Kind, where: FailureContext) -> None:
         """Count a failure now, and write the buffer if it is due. Never raises."""
-        self.note(kind, where)
+        self.buffer(kind, where)
         if time.monotonic() >= self._not_before:
             self.write()
 
-    def note(self, kind: Kind, where: FailureContext) -> None:
+    def buffer(self, kind: Kind, where: FailureContext) -> None:
         """Count a failure in the buffer only, for callers that must not write to the database."""
         now = self._now()
         fault = _Fault(kind, where, now.replace(minute=0, second=0, microsecond=0))

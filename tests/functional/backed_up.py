@@ -65,7 +65,7 @@ def elsewhere(
 
 
 def ledger_of(app: AppContext) -> list[Path]:
-    return [path for path in [app.settings.ledger_path] if path.is_file()]
+    return [path for path in [app.settings.deletion_log_path] if path.is_file()]
 
 
 def rows_of(url: str) -> dict[str, list[dict[str, Any]]]:

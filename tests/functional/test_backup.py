@@ -57,7 +57,7 @@ def test_a_backup_taken_in_use_becomes_the_same_studio(
     restored = backups.restore(target, new, [], STARTED)
     assert restored.deleted_again == 0
     # Production refuses to serve with one that others can read.
-    assert new.ledger_path.stat().st_mode & 0o777 == 0o600
+    assert new.deletion_log_path.stat().st_mode & 0o777 == 0o600
     assert content(new.url) == content(app.settings.url)
     was, came = (
         {path.name: path.read_bytes() for path in one.uploads_dir.iterdir()}
@@ -121,7 +121,7 @@ def test_what_was_deleted_after_the_backup_is_deleted_again(
 
     # The ledger goes on: an older backup, restored after this one, brings nobody back either. Nor
     # does one that is restored beside it, whatever ledger is named.
-    again = elsewhere("again").model_copy(update={"deletions_file": new.ledger_path})
+    again = elsewhere("again").model_copy(update={"deletions_file": new.deletion_log_path})
     assert backups.restore(target, again, [], clock.now()).deleted_again == 2
 
 
@@ -149,7 +149,7 @@ def test_the_ledger_says_nothing_of_whom_it_is_about(
     people: list[Session], app: AppContext
 ) -> None:
     withdrawal.withdraw_and_delete(app, people[0].token)
-    path = app.settings.ledger_path
+    path = app.settings.deletion_log_path
     text = path.read_text()
     assert text.startswith("2026-03-01 wish ")
     assert len(text.splitlines()) == 1
@@ -160,7 +160,7 @@ def test_the_ledger_says_nothing_of_whom_it_is_about(
 
 def test_nothing_is_deleted_that_could_not_be_noted(people: list[Session], app: AppContext) -> None:
     """Better a deletion that is asked for once more than one that a backup brings back."""
-    app.settings.ledger_path.mkdir()
+    app.settings.deletion_log_path.mkdir()
     with pytest.raises(IsADirectoryError):
         withdrawal.withdraw_and_delete(app, people[0].token)
     assert people[0].look()["stage"] == "completed"
@@ -169,11 +169,11 @@ def test_nothing_is_deleted_that_could_not_be_noted(people: list[Session], app: 
 def test_half_a_line_is_passed_over_and_another_file_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "deletions.log"
     kept = deletion_log.DeletionLog(path)
-    kept.note(STARTED, deletion_log.WISH, ["a" * 64])
+    kept.append(STARTED, deletion_log.WISH, ["a" * 64])
     for torn in ("2026-03-0", "2026-03-01 wi", "2026-03-01 wish 0a3"):
         with path.open("a") as file:
             file.write(torn)
-        kept.note(STARTED, deletion_log.RETENTION, ["b" * 64])
+        kept.append(STARTED, deletion_log.RETENTION, ["b" * 64])
     found = [(line.what, line.key[0]) for line in deletion_log.read(path)]
     assert found == [("wish", "a"), *[("retention", "b")] * 3]
     path.write_text("Dear diary\n")

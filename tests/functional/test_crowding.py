@@ -179,7 +179,7 @@ def test_a_person_with_another_session_stays(
     client.start(external_ids=person).to_stage("withdrawn", clock.forward)
     client.start(external_ids=person)
     clock.forward(DAY)
-    assert abandoned_sessions.sweep(app) == 1
+    assert abandoned_sessions.delete_abandoned(app) == 1
     assert (rows(app, SessionRow), rows(app, Participant)) == (1, 1)
     assert rows(app, Identity) == 1
 
@@ -196,5 +196,5 @@ def test_a_sweep_goes_by_batches_and_can_be_stopped(
         client.start()
     clock.forward(DAY)
     asked = iter([False, True])
-    assert abandoned_sessions.sweep(app, lambda: next(asked)) == 2
-    assert abandoned_sessions.sweep(app) == 1
+    assert abandoned_sessions.delete_abandoned(app, lambda: next(asked)) == 2
+    assert abandoned_sessions.delete_abandoned(app) == 1

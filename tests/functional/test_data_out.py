@@ -241,7 +241,7 @@ def test_a_download_that_is_broken_off_is_noted_as_incomplete(data: Data) -> Non
 
 
 def write(data: Data, folder: Path, **more: Any) -> list[Path]:
-    request = export.settled(data.app, Request(data.study))
+    request = export.resolve_flags(data.app, Request(data.study))
     files = export.FORMATS["csv"].files(request)
     return export.write_folder(data.app, "me", request, "csv", files, folder, **more)
 
@@ -271,7 +271,7 @@ def test_a_folder_takes_a_newer_export_but_nothing_else_is_lost(data: Data, tmp_
 @pytest.mark.parametrize(("form", "read"), [("csv", 2), ("psych-ds", 4), ("botorch", 2)])
 def test_all_of_a_zip_is_of_one_moment(data: Data, form: str, read: int) -> None:
     session = data.client.start().to_first_query()
-    request = export.settled(data.app, Request(data.study))
+    request = export.resolve_flags(data.app, Request(data.study))
 
     def pieces() -> Iterator[bytes]:
         return export.zip_stream(data.app, export.FORMATS[form].files(request))
@@ -293,7 +293,7 @@ def test_all_of_a_folder_is_of_one_moment(data: Data, tmp_path: Path) -> None:
         yield b"somebody came"
 
     files = [File("a", counted), File("b", meanwhile), File("c", counted)]
-    request = export.settled(data.app, Request(data.study))
+    request = export.resolve_flags(data.app, Request(data.study))
     a, _, c = export.write_folder(data.app, "me", request, "csv", files, tmp_path)
     assert a.read_text() == c.read_text()
 
@@ -343,7 +343,7 @@ def tables_of(report: reporting.Report) -> dict[str, dict[str, tuple[str, ...]]]
 
 
 def test_the_reports_numbers_are_those_of_the_tables(data: Data) -> None:
-    request = export.settled(data.app, Request(data.study, completed=True))
+    request = export.resolve_flags(data.app, Request(data.study, completed=True))
     found = tables_of(reporting.describe(data.app, request))
     sessions = data.table("sessions")
     queries = data.table("queries", completed="true")
@@ -432,7 +432,7 @@ def test_a_report_is_html_and_pdf_of_one_description_and_the_same_each_time(
 
 
 def test_a_report_on_nobody_says_so(data: Data, app: AppContext) -> None:
-    request = export.settled(app, Request(data.study, since=date(2030, 1, 1)))
+    request = export.resolve_flags(app, Request(data.study, since=date(2030, 1, 1)))
     report = reporting.describe(app, request)
     assert not [block for block in report.blocks if isinstance(block, Figure)]
     assert b"nobody came yet" in reporting.html(report)

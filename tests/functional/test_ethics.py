@@ -237,10 +237,10 @@ def test_bundles_of_studies_that_are_gone_and_what_was_laid_ready_in_vain_are_re
     study_id = repository.find(app, "short").id
     (folder / f"{study_id + 1}.zip").write_bytes(b"of a study that is gone")
     laid = bundle_job.stage_files(app.settings, {"plan.json": b"{}"}, 1)
-    assert bundle.sweep(app) == 1
+    assert bundle.delete_leftovers(app) == 1
     long_ago = (clock.now() - timedelta(days=8)).timestamp()
     os.utime(folder / laid, (long_ago, long_ago))
-    assert bundle.sweep(app) == 1
+    assert bundle.delete_leftovers(app) == 1
     assert [path.name for path in folder.iterdir()] == [f"{study_id}.zip"]
 
 

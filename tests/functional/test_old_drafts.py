@@ -35,7 +35,7 @@ def test_a_draft_is_thrown_away_after_days_without_a_change(
     clock.forward(30 * DAY)
     drafts.write_text(app, changed, "notes.txt", "still at it")
     clock.forward(30 * DAY - 1)
-    assert expired_drafts.sweep(app) == 0
+    assert expired_drafts.delete_expired(app) == 0
     clock.forward(1)
     periodic_tasks.run_all(app)
     assert [draft.name for draft in drafts.list_drafts(app, desk.account)] == ["New"]
@@ -67,8 +67,8 @@ def test_the_days_are_a_setting_and_a_sweep_can_be_stopped(
         drafts.begin(app, desk.account, name)
     clock.forward(3 * DAY)
     asked = iter([False, True, True])
-    assert expired_drafts.sweep(app, lambda: next(asked)) == 1
-    assert expired_drafts.sweep(app) == 1
+    assert expired_drafts.delete_expired(app, lambda: next(asked)) == 1
+    assert expired_drafts.delete_expired(app) == 1
 
 
 def test_a_folder_of_an_upload_that_was_cut_off_is_removed_and_one_under_way_stays(
@@ -81,5 +81,5 @@ def test_a_folder_of_an_upload_that_was_cut_off_is_removed_and_one_under_way_sta
         (folder / "a.mp4").write_bytes(b"x")
         at = (clock.now() - age).timestamp()
         os.utime(folder, (at, at))
-    assert expired_drafts.sweep(app) == 1
+    assert expired_drafts.delete_expired(app) == 1
     assert sorted(path.name for path in kept.parent.iterdir()) == sorted([kept.name, "under-way"])

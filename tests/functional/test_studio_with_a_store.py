@@ -202,7 +202,7 @@ def test_videos_of_a_backup_are_put_into_the_store_unless_their_study_was_delete
     ledgers = []
     if deleted_since:
         lifecycle.delete(app, "kettles", typed="kettles")
-        ledgers = [in_a_folder.ledger_path]
+        ledgers = [in_a_folder.deletion_log_path]
     app.close()
 
     new = settings.model_copy(update={"data_dir": tmp_path / "new"})

@@ -45,8 +45,8 @@ def test_what_nobody_has_written_to_for_a_day_goes_and_nothing_else(app: AppCont
         write(media, "somebodys-download.part", 9 * DAY),
         write(own / "drafts" / "one", ".a.mp4.part", 9 * DAY),
     ]
-    assert partial_files.sweep(app, lambda: True) == 0
-    assert partial_files.sweep(app) == len(old)
+    assert partial_files.delete_partial(app, lambda: True) == 0
+    assert partial_files.delete_partial(app) == len(old)
     assert not any(path.exists() for path in old)
     assert all(path.exists() for path in kept)
 
@@ -58,7 +58,7 @@ def test_it_goes_although_another_process_has_just_removed_some(
     found = [gone, left]
     monkeypatch.setattr(partial_files, "_unfinished", lambda _folder: found)
     gone.unlink()
-    partial_files.sweep(app)
+    partial_files.delete_partial(app)
     assert not left.exists()
 
 
@@ -83,6 +83,6 @@ def test_one_that_cannot_be_removed_keeps_no_other(app: AppContext) -> None:
     at = (STARTED - DAY).timestamp()
     os.utime(stuck, (at, at))
     gone = write(media, f".{'f' * 32}.x.part", DAY)
-    assert partial_files.sweep(app) == 1
+    assert partial_files.delete_partial(app) == 1
     assert stuck.exists()
     assert not gone.exists()

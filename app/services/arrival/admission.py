@@ -226,7 +226,7 @@ def start(
         db.flush()
         state = session_state.describe(app, db, session)
     if given.unfilled and mode == LIVE:
-        app.failures.note(Kind.UNFILLED, FailureContext(slug=slug))
+        app.failures.buffer(Kind.UNFILLED, FailureContext(slug=slug))
     return token, state
 
 

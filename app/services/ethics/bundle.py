@@ -98,7 +98,7 @@ class BundleInfo:
     made_at: datetime
 
 
-def made(app: AppContext, study: StudyInfo) -> BundleInfo | None:
+def finished_bundle(app: AppContext, study: StudyInfo) -> BundleInfo | None:
     """The study's finished bundle; None if there is none yet."""
     path = bundle_job.bundle_path(app.settings, study.id)
     try:
@@ -133,7 +133,7 @@ def under_way(app: AppContext, caller: Principal, study: StudyInfo) -> jobs.JobI
         return None
 
 
-def sweep(app: AppContext, stop: Callable[[], bool] = lambda: False) -> int:
+def delete_leftovers(app: AppContext, stop: Callable[[], bool] = lambda: False) -> int:
     """Delete bundles of deleted studies and old staged files; returns the number of deletions.
 
     stop: called before each; True ends the cleanup.

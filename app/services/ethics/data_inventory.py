@@ -37,7 +37,7 @@ class Field:
     field: str
     about: str
     purpose: str
-    kept: str
+    retention_period: str
     seen_by: str
 
 
@@ -51,7 +51,7 @@ def fields(plan: Plan) -> list[Field]:
             column.name,
             STORED[table.name].subject.value,
             STORED[table.name].purposes[column.name],
-            kept(plan, STORED[table.name].subject),
+            retention_period(plan, STORED[table.name].subject),
             _SEEN_BY[STORED[table.name].subject],
         )
         for table in tables
@@ -59,7 +59,7 @@ def fields(plan: Plan) -> list[Field]:
     ]
 
 
-def kept(plan: Plan, subject: DataSubject) -> str:
+def retention_period(plan: Plan, subject: DataSubject) -> str:
     """The retention period of data with this subject, in words."""
     rule = plan.retention
     match subject:

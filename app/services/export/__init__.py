@@ -1,6 +1,6 @@
 """Exports of a study's data as tidy tables and in other formats, streamed and audited."""
 
-from .filters import ALL_FLAGS, in_words, modes_of, settled
+from .filters import ALL_FLAGS, in_words, modes_of, resolve_flags
 from .formats import FORMATS, find
 from .provenance import ACTIONS, recorded, write_folder
 from .stream import File, csv_stream, table_file, zip_stream
@@ -22,7 +22,7 @@ __all__ = [
     "in_words",
     "modes_of",
     "recorded",
-    "settled",
+    "resolve_flags",
     "table_file",
     "write_folder",
     "zip_stream",

@@ -26,7 +26,7 @@ def modes_of(chosen: Sequence[str] | None) -> tuple[str, ...]:
     return ALL if "all" in chosen else tuple(dict.fromkeys(chosen))
 
 
-def settled(app: AppContext, request: Request) -> Request:
+def resolve_flags(app: AppContext, request: Request) -> Request:
     """The request with `left_out` set to the sessions that its flags exclude.
 
     Raises ConflictError for an unknown condition, and for dates in the wrong order.

@@ -39,10 +39,10 @@ def recorded(
     finally:
         more = {} if is_whole else {"incomplete": f"broken off after {size} bytes"}
         files = {name: digest.hexdigest()} if is_whole else {}
-        note(app, actor, request, form, files, **more)
+        record_export(app, actor, request, form, files, **more)
 
 
-def note(
+def record_export(
     app: AppContext, actor: str, request: Request, form: str, files: Mapping[str, str], **more: Any
 ) -> None:
     """Record one export. files: SHA-256 by file name, 64 hex digits."""
@@ -85,17 +85,19 @@ def write_folder(
                         out.write(piece)
                 written[file.path] = digest.hexdigest()
         if not overwrite:
-            _refuse_to_lose(app, request.study.slug, folder, written)
+            _refuse_to_overwrite(app, request.study.slug, folder, written)
         for part, path in parts:
             part.replace(path)
     finally:
         for part, _ in parts:
             part.unlink(missing_ok=True)
-    note(app, actor, request, form, written)
+    record_export(app, actor, request, form, written)
     return [path for _, path in parts]
 
 
-def _refuse_to_lose(app: AppContext, slug: str, folder: Path, written: Mapping[str, str]) -> None:
+def _refuse_to_overwrite(
+    app: AppContext, slug: str, folder: Path, written: Mapping[str, str]
+) -> None:
     ours = {
         digest
         for line in audit_log.trail(app, slug, ACTIONS, limit=1_000)

@@ -30,7 +30,7 @@ class Request:
     conditions: only trials under these, and sessions with such a trial; empty: all. since, until:
     first and last day, UTC, on which a session may have begun. without: exclude sessions with one
     of these flags. completed: only completed sessions. left_out: primary keys of the sessions that
-    `without` excludes, set by `filters.settled`.
+    `without` excludes, set by `filters.resolve_flags`.
     """
 
     study: StudyInfo

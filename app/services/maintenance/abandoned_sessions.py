@@ -28,7 +28,7 @@ def count(app: AppContext) -> int:
         return db.scalar(select(func.count(SessionRow.id)).where(_due(app.now()))) or 0
 
 
-def sweep(app: AppContext, stop: Callable[[], bool] = lambda: False) -> int:
+def delete_abandoned(app: AppContext, stop: Callable[[], bool] = lambda: False) -> int:
     """Delete the sessions that are due, and return their number.
 
     stop: called before each batch; True ends the cleanup.

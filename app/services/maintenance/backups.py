@@ -143,7 +143,9 @@ def restore(source: Path, settings: Settings, ledgers: Sequence[Path], now: date
         manifest = _unpack(source, settings)
         # Before the database is loaded, so that a killed restore cannot lose deletions. The log
         # keeps all lines, because an older backup may be restored later.
-        lines = deletion_log.merge(settings.ledger_path, [*lines, *_ledger_of_backup(settings)])
+        lines = deletion_log.merge(
+            settings.deletion_log_path, [*lines, *_ledger_of_backup(settings)]
+        )
         with _loaded(source, settings, manifest):
             again, missing = _bring_up_to_date(settings, lines, manifest, now)
     except BaseException:
@@ -192,8 +194,8 @@ def _delete_unfinished(folder: Path, now: datetime) -> None:
 
 
 def _other_files(settings: Settings) -> Iterator[tuple[str, Path]]:
-    if settings.ledger_path.is_file():
-        yield LEDGER, settings.ledger_path
+    if settings.deletion_log_path.is_file():
+        yield LEDGER, settings.deletion_log_path
     # A set, because both may be the same folder.
     found = {
         f"{UPLOADS}/{path.relative_to(folder).as_posix()}": path

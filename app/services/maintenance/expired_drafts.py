@@ -23,7 +23,7 @@ def kept_until(app: AppContext, draft: Draft) -> datetime:
     return draft.changed_at + _kept(app)
 
 
-def sweep(app: AppContext, stop: Callable[[], bool] = lambda: False) -> int:
+def delete_expired(app: AppContext, stop: Callable[[], bool] = lambda: False) -> int:
     """Delete expired drafts, and return their number. stop: called before each; True ends it."""
     with app.database.read() as db:
         rows = db.execute(select(StudyDraft.public_id, StudyDraft.changed_at)).all()

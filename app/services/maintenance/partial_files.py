@@ -23,7 +23,7 @@ KEPT = timedelta(days=1)
 _UNFINISHED = re.compile(r"\.?[0-9a-f]{32,64}\.(\w+\.)+part")
 
 
-def sweep(app: AppContext, stop: Callable[[], bool] = lambda: False) -> int:
+def delete_partial(app: AppContext, stop: Callable[[], bool] = lambda: False) -> int:
     """Delete partial files, and return their number. stop: called before each; True ends it."""
     written_before = (app.now() - KEPT).timestamp()
     gone = 0

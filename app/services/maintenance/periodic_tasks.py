@@ -47,17 +47,17 @@ OF_EACH_PROCESS = (
     Task(
         "deleted trials from memory", 60.0, lambda app, _: evict_deleted_trials.evict_deleted(app)
     ),
-    Task("unfinished videos", HOUR_S, partial_files.sweep),
+    Task("unfinished videos", HOUR_S, partial_files.delete_partial),
 )
 #: Run by one server or worker at a time, for the whole installation.
 OF_THE_STUDIO = (
     Task("rows and ids that were due by a retention rule", HOUR_S, retention.delete_due),
-    Task("sessions without consent", HOUR_S, abandoned_sessions.sweep),
-    Task("abandoned drafts", HOUR_S, expired_drafts.sweep),
+    Task("sessions without consent", HOUR_S, abandoned_sessions.delete_abandoned),
+    Task("abandoned drafts", HOUR_S, expired_drafts.delete_expired),
     Task("videos of no study", HOUR_S, orphaned_videos.sweep),
     Task("sessions of deleted studies", HOUR_S, lambda app, _: deleted_studies.sweep(app)),
     Task("old failure counts", HOUR_S, lambda app, _: app.failures.delete_old()),
-    Task("expired ethics bundles", HOUR_S, bundle.sweep),
+    Task("expired ethics bundles", HOUR_S, bundle.delete_leftovers),
 )
 
 

@@ -67,7 +67,7 @@ def run(
             if dry_run:
                 swept = CleanupResult(len(due_of.sessions), len(due_of.people))
             else:
-                _sweep(app, slug, due_of, swept, actor, stop)
+                _delete_found(app, slug, due_of, swept, actor, stop)
         except Exception:
             log.exception("the retention sweep of %s failed", slug)
             swept.failed = True
@@ -125,7 +125,7 @@ def _due(app: AppContext, db: Session, slug: str) -> _Found:
     return found
 
 
-def _sweep(
+def _delete_found(
     app: AppContext,
     slug: str,
     found: _Found,

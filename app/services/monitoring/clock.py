@@ -16,7 +16,7 @@ _DIFFER = timedelta(minutes=5)
 _NEWEST = 100
 
 
-def behind(app: AppContext) -> timedelta | None:
+def clock_lag(app: AppContext) -> timedelta | None:
     """By how much the newest stored time is ahead of the clock; None within the tolerance."""
     newest = select(SessionRow.last_seen_at).order_by(SessionRow.id.desc()).limit(_NEWEST)
     with app.database.read() as db:
@@ -27,6 +27,6 @@ def behind(app: AppContext) -> timedelta | None:
     return by if by > _DIFFER else None
 
 
-def said(by: timedelta) -> str:
+def lag_in_words(by: timedelta) -> str:
     """The difference in words."""
     return f"{by.days:,} days" if by.days > 1 else f"{by // timedelta(minutes=1):,} minutes"

@@ -38,7 +38,7 @@ def faults(app: AppContext) -> list[str]:
 def warnings(app: AppContext) -> list[str]:
     """Problems that do not affect participants, as sentences like those of `faults`."""
     try:
-        queue, behind = app.background.queue(), clock.behind(app)
+        queue, behind = app.background.queue(), clock.clock_lag(app)
     except SQLAlchemyError:
         # `faults` reports this.
         return []
@@ -46,7 +46,7 @@ def warnings(app: AppContext) -> list[str]:
     if queue is not None and queue.workers == 0:
         found.append("No worker is heard of: missing videos, jobs and retention wait for one.")
     if behind is not None:
-        said = clock.said(behind)
+        said = clock.lag_in_words(behind)
         found.append(f"The clock is {said} behind what was stored: it is wrong, or it was before.")
     return found
 

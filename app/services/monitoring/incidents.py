@@ -204,12 +204,12 @@ def _of_the_server(app: AppContext) -> Iterator[Incident]:
             app.now(),
             "Have one started (pbpo worker), or ask whoever runs the server why none is there.",
         )
-    behind = clock.behind(app)
+    behind = clock.clock_lag(app)
     if behind is not None:
         yield Incident(
             "clock",
-            f"The server's clock is behind: somebody was there {clock.said(behind)} later than it"
-            " says now.",
+            "The server's clock is behind: somebody was there"
+            f" {clock.lag_in_words(behind)} later than it says now.",
             app.now(),
             "Have it set by the network's time. What begins meanwhile bears a wrong time, and may"
             " be over too soon. If it was ahead before, and is right now, nothing is left to do.",

@@ -106,10 +106,10 @@ def unsafe_settings(app: AppContext, host: str) -> Iterator[str]:
             yield (
                 f"Every user of this machine can put other videos into {folder}: chmod o-w {folder}"
             )
-    if settings.ledger_path.exists() and settings.ledger_path.stat().st_mode & _OTHERS:
+    if settings.deletion_log_path.exists() and settings.deletion_log_path.stat().st_mode & _OTHERS:
         yield (
-            f"Other users of this machine can read or write {settings.ledger_path}:"
-            f" chmod 600 {settings.ledger_path}"
+            f"Other users of this machine can read or write {settings.deletion_log_path}:"
+            f" chmod 600 {settings.deletion_log_path}"
         )
     for name, meant in misspelt_settings():
         yield f"{name} is no setting, and has no effect: {meant} may be meant."

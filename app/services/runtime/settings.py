@@ -311,7 +311,7 @@ class Settings(BaseSettings):
         return self.database_url or f"sqlite:///{self.data_dir.resolve() / DATABASE_FILE}"
 
     @property
-    def ledger_path(self) -> Path:
+    def deletion_log_path(self) -> Path:
         """Path of the deletion log."""
         return self.deletions_file or self.data_dir / "deletions.log"
 

@@ -85,7 +85,7 @@ def _write_tombstones(
 ) -> frozenset[int]:
     """Append to the deletion log and insert a tombstone per session; the seeds of all trials."""
     now = app.now() if at is None else at
-    app.deletion_log.note(now, reason, [deletion_log.session_key(row.token_hash) for row in rows])
+    app.deletion_log.append(now, reason, [deletion_log.session_key(row.token_hash) for row in rows])
     # Only the day is stored: an exact time could be matched with other records of that moment.
     day = now.replace(hour=0, minute=0, second=0, microsecond=0)
     db.add_all(

@@ -33,7 +33,7 @@ def withdraw(app: AppContext, token: str) -> State:
         lookup.advance(app, session, protocol.Withdrew())
         if session.stage == Stage.DECLINED:
             key = deletion_log.session_key(session.token_hash)
-            app.deletion_log.note(app.now(), deletion_log.IDENTITIES, [key])
+            app.deletion_log.append(app.now(), deletion_log.IDENTITIES, [key])
             db.execute(delete(Identity).where(Identity.participant_id == session.participant_id))
         return session_state.describe(app, db, session)
 

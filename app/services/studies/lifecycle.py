@@ -103,7 +103,7 @@ def delete(
         # A draft has no live participants, so its deletion need not outlive a restore.
         if status == repository.CLOSED:
             key = deletion_log.study_key(slug, study.created_at)
-            app.deletion_log.note(app.now(), deletion_log.STUDY, [key])
+            app.deletion_log.append(app.now(), deletion_log.STUDY, [key])
             deleted_studies.note(db, study, app.now())
         repository.delete_row(db, study)
         audit_log.note(

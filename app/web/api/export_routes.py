@@ -80,7 +80,7 @@ class Filter:
             self.without,
             self.completed,
         )
-        return export.settled(app, asked)
+        return export.resolve_flags(app, asked)
 
 
 FilterDep = Annotated[Filter, Depends()]

@@ -35,7 +35,7 @@ def given(request: Request, slug: str, app: AppContext) -> Given:
     try:
         return completion.in_link(app, slug, came)
     except IdsRefusedError:
-        app.failures.note(Kind.UNREADABLE, FailureContext(slug=slug))
+        app.failures.buffer(Kind.UNREADABLE, FailureContext(slug=slug))
         raise
 
 
@@ -87,4 +87,4 @@ def _is_single_use(app: AppContext, slug: str) -> bool:
 def note_unfilled(app: AppContext, slug: str, given: Given) -> None:
     """Count for the study's overview a session begun by a link with unfilled placeholders."""
     if given.unfilled:
-        app.failures.note(Kind.UNFILLED, FailureContext(slug=slug))
+        app.failures.buffer(Kind.UNFILLED, FailureContext(slug=slug))

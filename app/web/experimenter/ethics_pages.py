@@ -41,7 +41,7 @@ def ethics(study: DesignOf, request: Request, app: AppDep, caller: SignedIn) -> 
         ties=sharing.members(app, study.slug),
         languages=study.plan.languages,
         has_browser=screenshots.browser(app.settings) is not None,
-        made=bundle.made(app, study),
+        made=bundle.finished_bundle(app, study),
         job=bundle.under_way(app, caller, study),
     )
 
@@ -61,7 +61,7 @@ def make(study: DesignOf, request: Request, app: AppDep, caller: SignedIn) -> Re
 @router.get("/ethics.zip")
 def ethics_bundle(study: DesignOf, app: AppDep) -> Response:
     """The latest bundle."""
-    made = bundle.made(app, study)
+    made = bundle.finished_bundle(app, study)
     if made is None:
         raise NotFoundError("no ethics bundle of this study has been made yet")
     return FileResponse(

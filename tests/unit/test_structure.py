@@ -170,3 +170,16 @@ def test_no_two_modules_import_each_other() -> None:
             module: found - leaves for module, found in targets.items() if module not in leaves
         }
     assert targets == {}
+
+
+@pytest.mark.parametrize("layer", ["study", "web"])
+def test_every_public_function_and_class_has_a_docstring(layer: str) -> None:
+    kinds = ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef
+    missing = [
+        f"{path.relative_to(ROOT.parent)}:{node.lineno} {node.name}"
+        for other, path in modules()
+        if other == layer
+        for node in ast.parse(path.read_text(encoding="utf-8")).body
+        if isinstance(node, kinds) and not node.name.startswith("_") and not ast.get_docstring(node)
+    ]
+    assert missing == []

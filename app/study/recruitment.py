@@ -117,7 +117,7 @@ class Recruitment(Part):
 
     @property
     def takes_each_once(self) -> bool:
-        """Whether whoever comes again is known, and not let in."""
+        """Whether returning participants are recognised and refused."""
         return self.returning == "block" and self.platform != NO_PLATFORM
 
     @property
@@ -168,7 +168,7 @@ def kept(recruitment: Recruitment, given: Mapping[str, str]) -> Mapping[str, str
 
 
 def person(recruitment: Recruitment, ids: Mapping[str, str]) -> tuple[str, str] | None:
-    """The parameter that names the person, and the name; None where nobody can be recognised."""
+    """The parameter that identifies the person, and its value; None without one."""
     if recruitment.platform == NO_PLATFORM:
         return None
     key = PLATFORMS[recruitment.platform].person or recruitment.parameter
@@ -244,7 +244,7 @@ def disagreements(plan: Mapping[str, object]) -> Iterator[Inconsistency]:
 
 
 def _with_survey_code(url: str, survey_code: str | None) -> str | None:
-    """SONA's address with this person's code; without one it would grant credit to nobody."""
+    """SONA's address with this person's code; without a code it would grant no credit."""
     if survey_code is None or not _PLAIN_ID.fullmatch(survey_code):
         return None
     parts = urlsplit(url)

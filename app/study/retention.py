@@ -20,7 +20,7 @@ class Retention(Part):
 
     @property
     def identities_kept_for(self) -> int | None:
-        """Days that ids of platforms are kept for; None: until somebody deletes them."""
+        """Days that ids of platforms are kept for; None: until they are deleted on request."""
         return self.identity_days or self.everything_days
 
 

@@ -54,7 +54,7 @@ class EvaluatorRoute(APIRoute):
             except _ON_PURPOSE:
                 raise
             except Exception as error:
-                # What somebody else did at the same moment is there when they look again.
+                # The result of the concurrent request is shown when the page is loaded again.
                 if is_conflict(error):
                     raise
                 log.exception("a page of the study %r failed", slug)

@@ -26,7 +26,7 @@ from .privacy_sentences import sentences
 from .session_pages import about, render
 from .stage_pages import stage_page
 
-#: Whoever has this token: nobody. Pages that show a receipt code show the one that goes with it.
+#: A token of no session. Pages with a receipt code show the code that belongs to it.
 _EXAMPLE_TOKEN = "example"  # noqa: S105
 
 #: A page as tall as a laptop's window, however tall the picture may be.

@@ -52,7 +52,7 @@ def come_back(
     except (AlreadyTakenPartError, KnownPersonError) as error:
         return refusal_pages.refused(request, slug, app, error)
     except (NotFoundError, SessionExpiredError):
-        # Nobody is known by these ids any more, or they were away for too long.
+        # No session has these ids any more, or its resume limit has passed.
         return to_stage(slug, request.url.query)
     response = session_cookies.forget(to_stage(slug), slug)
     session_cookies.keep_session(response, app, slug, token)

@@ -24,7 +24,7 @@ from .session_pages import do, render, to_stage, token_of
 
 router = APIRouter(prefix="/s/{slug}", include_in_schema=False, route_class=EvaluatorRoute)
 
-#: Ends the name of the field in which somebody chose what a number of theirs means.
+#: Suffix of the field with the chosen reading of an ambiguous number.
 MEANT = ".meant"
 
 TITLES = {

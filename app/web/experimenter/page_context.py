@@ -79,7 +79,7 @@ def from_signed_in_form(
     check_form_token(request, csrf_token)
 
 
-#: For `dependencies=[...]` of every route that takes a form: OwnForm of somebody signed in.
+#: For `dependencies=[...]` of every route that takes a form: OwnForm, for signed-in callers.
 OwnForm = Depends(from_signed_in_form)
 AnybodysForm = Depends(from_own_form)
 

@@ -31,6 +31,7 @@ from app.services.context import AppContext
 from app.services.runtime import json_logging, metrics
 from app.services.runtime.errors import ConflictError
 from app.services.runtime.settings import Settings
+from app.web.http.connection_limits import LimitedHttpProtocol
 
 from .main import create_app
 from .simulation import JOBS
@@ -196,6 +197,7 @@ def _application(app: AppContext) -> FastAPI:
 def _config(fastapi_app: Any, settings: Settings, **more: Any) -> uvicorn.Config:
     return uvicorn.Config(
         fastapi_app,
+        http=LimitedHttpProtocol,
         log_level="warning",
         access_log=False,
         # Which software answers is nobody's business.

@@ -27,6 +27,9 @@ from .video_probe import probe
 FILE_COLUMN = "file"
 SCORE_COLUMN = "score"
 FEWEST_CANDIDATES = 2
+#: Limits on the work for one study and on the length of the page that lists its faults.
+MOST_COLUMNS = 200
+MOST_FAULTS = 1_000
 # Stricter than Python's own reading, which takes "1_000", "infinity" and Arabic digits too.
 NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
 
@@ -92,6 +95,13 @@ class RecordingsReader:
         rows: list[RecordingRow] = []
         candidates: set[tuple[float, ...]] = set()
         for line in lines[1:]:
+            if len(self.faults) >= MOST_FAULTS:
+                message = (
+                    f"expected fewer faults before this row, got {len(self.faults)}:"
+                    " it and all rows after it are not checked yet"
+                )
+                self._fault(source, line.number, message)
+                return rows
             if len(line.cells) != len(header):
                 message = f"expected {len(header)} values as in the header, got {len(line.cells)}"
                 self._fault(source, line.number, message)
@@ -144,6 +154,10 @@ class RecordingsReader:
     def _header_is_sound(
         self, source: str, line: int, header: Sequence[str], names: Sequence[str]
     ) -> bool:
+        if len(header) > MOST_COLUMNS:
+            message = f"expected at most {MOST_COLUMNS} columns, got {len(header)}"
+            self._fault(source, line, message)
+            return False
         expected = [*names, FILE_COLUMN]
         allowed = [*expected, SCORE_COLUMN]
         came = ", ".join(header)

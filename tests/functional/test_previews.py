@@ -5,7 +5,7 @@ from __future__ import annotations
 import httpx
 import pytest
 
-from app.services.accounts import accounts
+from app.services.accounts import accounts, administration
 from app.services.accounts.accounts import Role
 from app.services.context import AppContext
 from app.services.studies.repository import StudyInfo
@@ -168,3 +168,28 @@ def test_previews_take_no_room_from_those_who_take_part(
     for _ in range(3):
         client.start(mode="preview", by=token)
     assert isinstance(client.start(), Session)
+
+
+def test_a_previews_token_ends_with_the_sign_in_it_was_begun_with(desk: Desk) -> None:
+    client = desk.client
+    agree_in_preview(client)
+    token = client.cookies["pbpo_preview_session_short"]
+    bearer = {"Authorization": f"Bearer {token}"}
+    assert client.get("/api/v1/session", headers=bearer).status_code == 200
+    desk.post("/sign-out")
+    client.cookies.clear()
+    assert client.get("/api/v1/session", headers=bearer).status_code == 403
+
+
+def test_a_previews_token_ends_with_the_api_token_it_was_begun_with(
+    desk: Desk, app: AppContext
+) -> None:
+    client = desk.client
+    api_token = accounts.create_api_token(app, desk.account, "tests")
+    client.cookies.clear()
+    session = client.start(mode="preview", by=api_token)
+    bearer = {"Authorization": f"Bearer {session.token}"}
+    assert client.get("/api/v1/session", headers=bearer).status_code == 200
+    accounts.create(app, "another@lab.example", "correct horse battery", Role.ADMIN)
+    administration.disable(app, desk.account.email, "tests")
+    assert client.get("/api/v1/session", headers=bearer).status_code == 403

@@ -238,9 +238,21 @@ def by_api_token(app: AppContext, token: str) -> Principal:
     return _by_token(app, ApiToken, token)
 
 
+def by_credential_hash(app: AppContext, hashed: str) -> Principal:
+    """The principal of the API token or sign-in with this hash. Raises SignInRequiredError."""
+    try:
+        return _by_token_hash(app, ApiToken, hashed)
+    except SignInRequiredError:
+        return _by_token_hash(app, SignIn, hashed)
+
+
 def _by_token(app: AppContext, table: type[Token], token: str) -> Principal:
+    return _by_token_hash(app, table, secret_hash(token))
+
+
+def _by_token_hash(app: AppContext, table: type[Token], hashed: str) -> Principal:
     with app.database.read() as db:
-        statement = select(table).where(table.token_hash == secret_hash(token))
+        statement = select(table).where(table.token_hash == hashed)
         row: Token | None = db.scalar(statement)
         if row is None or app.now() >= row.expires_at:
             raise SignInRequiredError("expected a token that is in force, got another")

@@ -44,7 +44,14 @@ from app.study.identifiers import Given
 from app.study.plan import Plan
 from app.study.protocol import Progress
 
-from . import capacity, entry_links, pilot_links, re_entry, session_start_limit
+from . import (
+    capacity,
+    entry_links,
+    pilot_links,
+    preview_tokens,
+    re_entry,
+    session_start_limit,
+)
 
 
 @dataclass(frozen=True)
@@ -136,6 +143,7 @@ def start(
     arrival: str = "",
     is_signed: bool = False,
     browser: str = "",
+    credential: str = "",
 ) -> tuple[str, State]:
     """Start a session; return its token, of which only the hash is stored, and its state.
 
@@ -147,7 +155,7 @@ def start(
     the same. arrival: the random value of the consent form; sending the form again returns the
     session that it started. browser: the secret in a cookie of the sending browser, so that the
     form sent from another browser has another token. is_signed: whether the platform's signature on
-    the ids was verified.
+    the ids was verified. credential: the experimenter's sign-in or API token, for a preview.
 
     Raises AlreadyTakenPartError if the study does not admit a person twice, KnownPersonError if a
     session with these ids exists, EntryLinkError if the study needs an entry link and this one is
@@ -160,7 +168,8 @@ def start(
             f"expected an experimenter of the study, signed in or with an API token: nobody else"
             f" may begin a session of the mode {mode!r}"
         )
-    token = _token_of_form(app, slug, arrival, browser) or new_secret()
+    prefix = preview_tokens.prefix_for(credential) if mode == PREVIEW else ""
+    token = prefix + (_token_of_form(app, slug, arrival, browser) or new_secret())
     seed = app.seed()
     with app.database.write() as db:
         # Arrivals are serialised, so that the same person in two windows is recognised.

@@ -19,7 +19,7 @@ from app.study.plan import Condition, Plan
 from app.study.protocol import Stage
 from app.study.stage_settings import PRACTICE_INDEX
 
-from . import queries, undo_offer
+from . import hidden_checks, queries, undo_offer
 from .queries import OpenQuery
 
 
@@ -40,6 +40,8 @@ def describe(
     place = (trial_index, query.query_index)
     coming, then = _coming(app, session, trial), _place_after(session, trial)
     clips = [clip for following in coming for clip in (following.left, following.right)]
+    if clips and not practising:
+        clips = hidden_checks.padded(clips, session, trial, candidate_set)
     state: dict[str, Any] = {
         "id": trial.public_id,
         "left": video(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from fastapi import APIRouter, Depends, Response
+from fastapi import APIRouter, Depends, Request, Response
 
 from app.services.arrival import admission
 from app.services.runtime.errors import ForbiddenError
@@ -20,7 +20,7 @@ from app.study.stage_settings import Device
 from app.web.http.concurrency import limited_read, limited_write
 from app.web.http.json_bodies import ThreadParsedJsonRoute
 from app.web.http.problems import refusals
-from app.web.http.security import AppDep, MaybeExperimenterDep
+from app.web.http.security import AppDep, MaybeExperimenterDep, credential_of
 from app.web.http.session_tokens import SessionToken
 
 from .request_schemas import (
@@ -64,7 +64,9 @@ of_session = APIRouter(
     openapi_extra={"security": [{}]},
 )
 @limited_write
-def start_session(slug: str, body: StartSession, app: AppDep, caller: MaybeExperimenterDep) -> Any:
+def start_session(
+    slug: str, body: StartSession, request: Request, app: AppDep, caller: MaybeExperimenterDep
+) -> Any:
     """Begin a session. The token is shown this once."""
     by_experimenter = caller is not None and access.may(app, caller, slug, Right.CHANGE)
     if body.mode != LIVE and not by_experimenter:
@@ -80,6 +82,7 @@ def start_session(slug: str, body: StartSession, app: AppDep, caller: MaybeExper
         language=body.language,
         by_experimenter=by_experimenter,
         entry=body.entry,
+        credential=credential_of(request),
     )
     return {"token": token, "receipt": receipt_code(token), "session": state}
 

@@ -31,7 +31,7 @@ from app.study import recruitment
 from app.study.recruitment import Outcome
 from app.web.http import languages, session_paths
 from app.web.http.concurrency import limited_write
-from app.web.http.security import AppDep, session_cookie
+from app.web.http.security import AppDep, credential_of, session_cookie
 from app.web.http.translations import translatable
 
 from . import arrival_parameters, mturk_pages, refusal_pages, session_cookies
@@ -159,6 +159,7 @@ def _enter(
             arrival=arrival,
             is_signed=is_signed,
             browser=session_cookies.secret_of(request),
+            credential=credential_of(request),
         )
     except (EntryLinkError, AlreadyTakenPartError, KnownPersonError) as error:
         return refusal_pages.refused(request, slug, app, error)

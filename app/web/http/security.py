@@ -111,6 +111,12 @@ def signed_in_now(request: Request) -> Principal | None:
     return _found(accounts.by_sign_in, app, cookie) if cookie else None
 
 
+def credential_of(request: Request) -> str:
+    """The API token or sign-in that came with this request; empty if there is none."""
+    token = bearer(request.headers.get("authorization"))
+    return token or request.cookies.get(SIGN_IN_COOKIE) or ""
+
+
 async def experimenter(
     found: Annotated[Principal | None, Depends(optional_experimenter)],
 ) -> Principal:

@@ -5,11 +5,13 @@ from __future__ import annotations
 from typing import Annotated
 
 from fastapi import Depends, Header, Request
+from fastapi.concurrency import run_in_threadpool
 
+from app.services.arrival import preview_tokens
 from app.services.runtime.errors import SignInRequiredError
 
 from . import session_paths
-from .security import bearer
+from .security import bearer, studio_of
 
 
 async def session_token(
@@ -25,7 +27,9 @@ async def session_token(
 ) -> str:
     """The session's token. Raises SignInRequiredError, or ForbiddenError for another's preview."""
     token = bearer(authorization)
-    if token is None and pbpo_study is not None:
+    if token is not None:
+        await run_in_threadpool(preview_tokens.require_in_force, studio_of(request), token)
+    elif pbpo_study is not None:
         mode, slug = session_paths.of_header(pbpo_study)
         await session_paths.require_admitted(request, mode, slug)
         token = request.cookies.get(session_paths.cookie_of(mode, slug))

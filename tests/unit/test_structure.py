@@ -26,7 +26,7 @@ ALLOWED: dict[str, frozenset[str]] = {
     "services": PURE | {"storage", "figures"},
     "web": PURE | {"storage", "figures", "services"},
     "main": PURE | {"storage", "figures", "services", "web"},
-    "server": frozenset({"services", "main", "simulation"}),
+    "server": frozenset({"services", "web", "main", "simulation"}),
     "worker": frozenset({"services", "simulation", "storage"}),
     "simulation": PURE | {"storage", "services", "lab", "web", "main"},
     "commands": PURE | {"services", "server", "worker", "simulation", "main", "lab"},

@@ -11,7 +11,7 @@ from app.services.arrival import preview_tokens
 from app.services.runtime.errors import SignInRequiredError
 
 from . import session_paths
-from .security import bearer, studio_of
+from .security import app_context_of, bearer
 
 
 async def session_token(
@@ -28,7 +28,7 @@ async def session_token(
     """The session's token. Raises SignInRequiredError, or ForbiddenError for another's preview."""
     token = bearer(authorization)
     if token is not None:
-        await run_in_threadpool(preview_tokens.require_in_force, studio_of(request), token)
+        await run_in_threadpool(preview_tokens.require_in_force, app_context_of(request), token)
     elif pbpo_study is not None:
         mode, slug = session_paths.of_header(pbpo_study)
         await session_paths.require_admitted(request, mode, slug)

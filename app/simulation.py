@@ -15,7 +15,7 @@ import numpy as np
 from sqlalchemy import select
 
 from app.lab.evaluators import Certain, Evaluator, Uncertain
-from app.lab.walk import walk
+from app.lab.session_bot import walk
 from app.services.accounts.accounts import Principal, Role
 from app.services.background.job_function import JobHandler, ProgressCallback
 from app.services.background.local import LocalBackground

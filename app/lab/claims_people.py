@@ -15,10 +15,10 @@ from app.figures.theme import label
 from app.statistics.comparisons import compare
 
 from .claims import Claim, Pair, alike, better, described, mean
+from .environments import World
 from .experiments import CONVERGED_CRANE_RUNS, ENVIRONMENTS, SHARED_CRANE_RUNS
-from .plates import SCORED, belief, best_and_worst, final, shown_runs
+from .paper_figures import SCORED, belief, best_and_worst, final, shown_runs
 from .results import Results
-from .worlds import World
 
 ABLATION_P: Final = {
     ("pbpo-no-synthesis", 20): ".008",

@@ -14,10 +14,10 @@ from typing import Any, Literal, TypeVar, get_args
 
 import joblib
 
+from .environments import World
 from .experiments import Task
 from .steps import Step
 from .trials import run_trial
-from .worlds import World
 
 Result = TypeVar("Result")
 

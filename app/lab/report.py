@@ -26,7 +26,7 @@ from .experiments import (
     SHARED_CRANE_RUNS,
     VIOLIN_QUERIES,
 )
-from .plates import ABLATED, SIMULATED, plates
+from .paper_figures import ABLATED, SIMULATED, plates
 from .readings import CAPTIONS, READINGS
 from .results import Results
 from .setup import of_demanding, setup, summary

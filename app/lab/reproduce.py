@@ -10,11 +10,11 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
 from .engines import Engine, run_all
+from .environments import World, recorded
 from .experiments import ENVIRONMENTS, EXPERIMENTS, FIGURES, Experiment, plan
 from .results import Results, Trial
 from .steps import to_csv
 from .store import Store, identity, write_whole
-from .worlds import World, recorded
 
 #: Called with how many trials are there, and how many there will be.
 Progress = Callable[[int, int], None]

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
+from .environments import World
 from .experiments import Task
 from .steps import Step
-from .worlds import World
 
 
 class MissingResultsError(LookupError):

@@ -22,17 +22,20 @@ from typing import Any, Final  # noqa: E402
 
 import numpy as np  # noqa: E402
 
-from app.figures import save, verdicts  # noqa: E402
+from app.figures import (  # noqa: E402
+    save,
+    verdicts,
+)
 
 from . import claims_simulated  # noqa: E402
 from .claims import Claim  # noqa: E402
 from .engines import ENGINES, run_each  # noqa: E402
+from .environments import World, recorded  # noqa: E402
 from .experiments import ENVIRONMENTS, EXPERIMENTS, Task, plan  # noqa: E402
 from .results import Results, Trial  # noqa: E402
 from .steps import Step, StepTableError, from_csv, to_csv  # noqa: E402
 from .store import write_whole  # noqa: E402
 from .trials import run_trial  # noqa: E402
-from .worlds import World, recorded  # noqa: E402
 
 #: In deviations of g above its mean; None: evaluators never skip.
 LEVELS: Final[tuple[float | None, ...]] = (None, -1.0, -0.5, 0.0, 0.5, 1.0, 1.5, 2.0)

@@ -15,11 +15,11 @@ from pathlib import Path
 
 from app.pbbo import ENGINE_VERSION, PRESETS, SCORE_PRESETS
 
+from .environments import World
 from .evaluators import ETA
 from .experiments import Task
 from .people import PEOPLE
 from .steps import Step, StepTableError, from_csv, to_csv
-from .worlds import World
 
 
 class OtherResultsError(ValueError):

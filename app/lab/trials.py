@@ -21,11 +21,11 @@ from app.pbbo import (
     allows_skip,
 )
 
+from .environments import World
 from .evaluators import Certain, Evaluator, Uncertain
 from .experiments import Task
 from .people import PEOPLE, Person, SkipReason
 from .steps import Step
-from .worlds import World
 
 #: Streams of a trial's randomness apart from the optimiser's own (app.pbbo.randomness, from 1 on).
 SHOWN_RUNS = 1001

@@ -16,11 +16,11 @@ import os
 # one_thread.py.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-from app.pbbo.box import Box
-from app.pbbo.box_optimizer import BoxOptimizer
-from app.pbbo.box_query import BoxQuery
-from app.pbbo.engine import ENGINE_VERSION
-from app.pbbo.errors import (
+from .box import Box
+from .box_optimizer import BoxOptimizer
+from .box_query import BoxQuery
+from .engine import ENGINE_VERSION
+from .errors import (
     BoxError,
     CandidatesError,
     ConstraintError,
@@ -39,11 +39,11 @@ from app.pbbo.errors import (
     UnknownMethodError,
     UnknownResponseError,
 )
-from app.pbbo.methods import METHODS, allows_skip, has_posterior, learns_reasons
-from app.pbbo.optimizer import PreferenceOptimizer
-from app.pbbo.preferences import RESPONSES, SKIP_REASONS, Preference, Query, Response, SkipReason
-from app.pbbo.score_optimizer import SCORE_METHODS, SCORE_PRESETS, ScoreOptimizer
-from app.pbbo.settings import PRESETS, ScoreSettings, Settings, defaults_under
+from .methods import METHODS, allows_skip, has_posterior, learns_reasons
+from .optimizer import PreferenceOptimizer
+from .preferences import RESPONSES, SKIP_REASONS, Preference, Query, Response, SkipReason
+from .score_optimizer import SCORE_METHODS, SCORE_PRESETS, ScoreOptimizer
+from .settings import PRESETS, ScoreSettings, Settings, defaults_under
 
 __all__ = [
     "ENGINE_VERSION",

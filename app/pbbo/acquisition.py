@@ -11,7 +11,7 @@ from typing import Final
 
 import numpy as np
 
-from app.pbbo.candidates import FloatArray
+from .candidates import FloatArray
 
 # Draws for the second candidate; a posterior that leaves all of them on one candidate is so sure
 # of it that its runner-up is the fair opponent.

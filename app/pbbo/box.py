@@ -12,9 +12,9 @@ from typing import Any, Final
 
 import numpy as np
 
-from app.pbbo.candidates import FloatArray
-from app.pbbo.errors import BoxError, ConstraintError, PointError
-from app.pbbo.linear_constraints import HalfSpaces, half_spaces
+from .candidates import FloatArray
+from .errors import BoxError, ConstraintError, PointError
+from .linear_constraints import HalfSpaces, half_spaces
 
 #: More parameters than 30 answers can say anything about.
 MOST_PARAMETERS: Final = 8

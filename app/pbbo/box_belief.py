@@ -4,13 +4,13 @@ from typing import Final
 
 import numpy as np
 
-from app.pbbo import box_design
-from app.pbbo.box import Box
-from app.pbbo.candidates import FloatArray
-from app.pbbo.model_averaging import Average, fitted_parts, predicted
-from app.pbbo.posterior_maximum import MeanFunction, ascend
-from app.pbbo.settings import Settings
-from app.pbbo.synthesis import Learned
+from . import box_design
+from .box import Box
+from .candidates import FloatArray
+from .model_averaging import Average, fitted_parts, predicted
+from .posterior_maximum import MeanFunction, ascend
+from .settings import Settings
+from .skip_synthesis import Learned
 
 #: Points around which the design is refined: so many of the best by mean, and by upper bound.
 REFINED: Final = 3

@@ -9,9 +9,9 @@ from typing import Final
 
 import numpy as np
 
-from app.pbbo.box import Box
-from app.pbbo.candidates import FloatArray
-from app.pbbo.errors import ConstraintError
+from .box import Box
+from .candidates import FloatArray
+from .errors import ConstraintError
 
 #: Points over the whole box for each parameter, and how many at most.
 POINTS_PER_PARAMETER: Final = 128

@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Any, Final, Self
 
 import numpy as np
 
-from app.pbbo import box_design
-from app.pbbo.box import Box, Key
-from app.pbbo.box_query import BoxQuery
-from app.pbbo.candidates import FloatArray, IndexArray
-from app.pbbo.errors import (
+from . import box_design
+from .box import Box, Key
+from .box_query import BoxQuery
+from .candidates import FloatArray, IndexArray
+from .errors import (
     BoxError,
     FitError,
     HistoryError,
@@ -24,15 +24,15 @@ from app.pbbo.errors import (
     SettingsError,
     UnknownMethodError,
 )
-from app.pbbo.methods import method_named
-from app.pbbo.one_thread import one_thread
-from app.pbbo.preferences import Response, SkipReason, TrialType, checked_response, checked_share
-from app.pbbo.randomness import Purpose, checked_seed, generator
-from app.pbbo.settings import Settings
-from app.pbbo.synthesis import Learned
+from .methods import method_named
+from .one_thread import one_thread
+from .preferences import Response, SkipReason, TrialType, checked_response, checked_share
+from .randomness import Purpose, checked_seed, generator
+from .settings import Settings
+from .skip_synthesis import Learned
 
 if TYPE_CHECKING:
-    from app.pbbo.box_belief import BoxBelief
+    from .box_belief import BoxBelief
 
 #: The one method that knows boxes: the paper's draw functions over all candidates.
 BOX_METHOD: Final = "pbpo-threshold"
@@ -177,7 +177,7 @@ class BoxOptimizer:
         within: as a share, from 0 to 1, of the range of f over the box. Functions are drawn at
         the points that the next query looks at.
         """
-        from app.pbbo.sureness import Landscapes  # noqa: PLC0415
+        from .sureness import Landscapes  # noqa: PLC0415
 
         share = checked_share("within", within)
         with one_thread():
@@ -286,7 +286,7 @@ class BoxOptimizer:
 
     def _model_pair(self, index: int, known: list[int]) -> tuple[FloatArray, FloatArray]:
         # Loaded when a model is fitted: SciPy takes long to import.
-        from app.pbbo.eubo import eubo_pair  # noqa: PLC0415
+        from .eubo import eubo_pair  # noqa: PLC0415
 
         belief = self._believe()
         points = belief.design(generator(self._seed, Purpose.REFINING, index))
@@ -325,7 +325,7 @@ class BoxOptimizer:
 
     def _believe(self) -> "BoxBelief":
         if self._belief is None:
-            from app.pbbo.box_belief import BoxBelief  # noqa: PLC0415
+            from .box_belief import BoxBelief  # noqa: PLC0415
 
             excluded = [self._excluded[key] for key in sorted(self._excluded)]
             try:

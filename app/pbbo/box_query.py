@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from app.pbbo.candidates import FloatArray
-from app.pbbo.preferences import TrialType
+from .candidates import FloatArray
+from .preferences import TrialType
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,7 +11,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from app.pbbo.errors import CandidatesError
+from .errors import CandidatesError
 
 FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.intp]

@@ -12,10 +12,10 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import lapack
 
-from app.pbbo.candidates import FloatArray, IndexArray
-from app.pbbo.errors import FitError
-from app.pbbo.preferences import Preference
-from app.pbbo.variational import Answers
+from .candidates import FloatArray, IndexArray
+from .errors import FitError
+from .preferences import Preference
+from .variational import Answers
 
 
 class Comparison(NamedTuple):

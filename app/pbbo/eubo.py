@@ -14,10 +14,10 @@ from typing import Final
 import numpy as np
 from scipy.special import ndtr
 
-from app.pbbo.acquisition import allowed
-from app.pbbo.candidates import FloatArray, IndexArray
-from app.pbbo.model import Posterior
-from app.pbbo.model_averaging import Average
+from .acquisition import allowed
+from .candidates import FloatArray, IndexArray
+from .model import Posterior
+from .model_averaging import Average
 
 # All pairs among this many candidates with the largest upper bounds are looked at. The pair chosen
 # of 231 candidates is the same in all but a few steps, at a tenth of the cost.

@@ -8,7 +8,7 @@ too many edges and corners for this to pay, so it is off unless asked for.
 
 import numpy as np
 
-from app.pbbo.candidates import FloatArray, IndexArray
+from .candidates import FloatArray, IndexArray
 
 
 def farthest_points(rng: np.random.Generator, points: FloatArray, count: int) -> IndexArray:

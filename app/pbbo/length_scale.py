@@ -14,12 +14,12 @@ import torch
 from scipy.optimize import brentq
 from scipy.spatial.distance import cdist
 
-from app.pbbo.candidates import FloatArray
-from app.pbbo.comparisons import Tally, whitened
-from app.pbbo.prior import kernel
-from app.pbbo.probit import expectations
-from app.pbbo.settings import Settings
-from app.pbbo.variational import fit
+from .candidates import FloatArray
+from .comparisons import Tally, whitened
+from .prior import kernel
+from .probit import expectations
+from .settings import Settings
+from .variational import fit
 
 # Shortest and longest length scale looked at, as shares of the candidates' diagonal: below, no
 # candidate tells about another; above, every function over them is a plane.

@@ -12,8 +12,8 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from app.pbbo.candidates import FloatArray
-from app.pbbo.errors import ConstraintError
+from .candidates import FloatArray
+from .errors import ConstraintError
 
 #: A longer text is no constraint that a person wrote.
 LONGEST: Final = 500

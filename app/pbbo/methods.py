@@ -3,9 +3,9 @@
 from dataclasses import dataclass
 from typing import Final
 
-from app.pbbo.engine import EARLIER_ENGINES, ENGINE_VERSION
-from app.pbbo.errors import SkipNotOfferedError, SkipReasonError, UnknownMethodError
-from app.pbbo.preferences import Response, SkipReason, checked_reason
+from .engine import EARLIER_ENGINES, ENGINE_VERSION
+from .errors import SkipNotOfferedError, SkipReasonError, UnknownMethodError
+from .preferences import Response, SkipReason, checked_reason
 
 
 @dataclass(frozen=True)

@@ -13,14 +13,14 @@ from typing import Final
 import numpy as np
 from scipy.linalg import lapack
 
-from app.pbbo.candidates import Candidates, FloatArray, IndexArray
-from app.pbbo.comparisons import Tally, tally, whitened
-from app.pbbo.errors import FitError
-from app.pbbo.point_prior import PointPrior
-from app.pbbo.preferences import Preference
-from app.pbbo.prior import Prior, prior_over
-from app.pbbo.settings import Settings
-from app.pbbo.variational import Gaussian, fit
+from .candidates import Candidates, FloatArray, IndexArray
+from .comparisons import Tally, tally, whitened
+from .errors import FitError
+from .point_prior import PointPrior
+from .preferences import Preference
+from .prior import Prior, prior_over
+from .settings import Settings
+from .variational import Gaussian, fit
 
 AnyPrior = Prior | PointPrior
 
@@ -87,7 +87,7 @@ def belief_over(
         length_scale = settings.length_scale
         if settings.optimise_kernel and preferences:
             # PyTorch takes seconds to import; only this setting needs it.
-            from app.pbbo.length_scale import best_length_scale  # noqa: PLC0415
+            from .length_scale import best_length_scale  # noqa: PLC0415
 
             length_scale = best_length_scale(candidates.points, tally(preferences), settings)
         if prior is None or prior.length_scale != length_scale:

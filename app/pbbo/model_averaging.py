@@ -13,16 +13,16 @@ from typing import Final, TypeVar
 import numpy as np
 from scipy.linalg import lapack
 
-from app.pbbo.candidates import Candidates, FloatArray, IndexArray
-from app.pbbo.comparisons import counted
-from app.pbbo.errors import FitError
-from app.pbbo.model import Fit, Posterior, fitted, posterior_of, posterior_over, unlearned
-from app.pbbo.point_prior import PointPrior
-from app.pbbo.preferences import Preference
-from app.pbbo.prior import LARGEST_KEPT, Prior, prior_over
-from app.pbbo.settings import Settings
-from app.pbbo.synthesis import Skip
-from app.pbbo.threshold import latent_variances, prior_with_threshold, sharpness, with_threshold
+from .candidates import Candidates, FloatArray, IndexArray
+from .comparisons import counted
+from .errors import FitError
+from .model import Fit, Posterior, fitted, posterior_of, posterior_over, unlearned
+from .point_prior import PointPrior
+from .preferences import Preference
+from .prior import LARGEST_KEPT, Prior, prior_over
+from .settings import Settings
+from .skip_synthesis import Skip
+from .threshold import latent_variances, prior_with_threshold, sharpness, with_threshold
 
 Part = TypeVar("Part")
 

@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
-from app.pbbo.acquisition import random_pair, thompson_pair
-from app.pbbo.box import Box
-from app.pbbo.box_optimizer import BoxOptimizer
-from app.pbbo.candidates import Candidates, FloatArray
-from app.pbbo.errors import (
+from .acquisition import random_pair, thompson_pair
+from .box import Box
+from .box_optimizer import BoxOptimizer
+from .candidates import Candidates, FloatArray
+from .errors import (
     FitError,
     HistoryError,
     NoPosteriorError,
@@ -24,11 +24,11 @@ from app.pbbo.errors import (
     SkipReasonError,
     UnknownResponseError,
 )
-from app.pbbo.farthest_point import farthest_points
-from app.pbbo.knockout import challenger
-from app.pbbo.methods import method_named
-from app.pbbo.one_thread import one_thread
-from app.pbbo.preferences import (
+from .farthest_point import farthest_points
+from .knockout import challenger
+from .methods import method_named
+from .one_thread import one_thread
+from .preferences import (
     Preference,
     Query,
     Response,
@@ -37,15 +37,15 @@ from app.pbbo.preferences import (
     checked_response,
     checked_share,
 )
-from app.pbbo.quasi_random import quasi_random_candidates
-from app.pbbo.randomness import Purpose, checked_seed, generator
-from app.pbbo.settings import Settings
-from app.pbbo.synthesis import Learned
+from .quasi_random import quasi_random_candidates
+from .randomness import Purpose, checked_seed, generator
+from .settings import Settings
+from .skip_synthesis import Learned
 
 if TYPE_CHECKING:
-    from app.pbbo.model import AnyPrior, Posterior
-    from app.pbbo.model_averaging import Average
-    from app.pbbo.sureness import Landscapes
+    from .model import AnyPrior, Posterior
+    from .model_averaging import Average
+    from .sureness import Landscapes
 
 # Means this close, in prior standard deviations, differ by rounding alone.
 TIE = 1e-9
@@ -178,7 +178,7 @@ class PreferenceOptimizer:
 
     def _landscapes(self) -> "Landscapes":
         """Functions drawn from the belief; the same for the same history and seed."""
-        from app.pbbo.sureness import Landscapes  # noqa: PLC0415
+        from .sureness import Landscapes  # noqa: PLC0415
 
         if not self._method.model:
             raise NoPosteriorError(f"sureness: {self._method_name} keeps no model of the answers")
@@ -268,8 +268,8 @@ class PreferenceOptimizer:
     def _model_pair(self, index: int) -> tuple[str, tuple[int, int]]:
         """The acquisition's name and the pair it chose."""
         # Loaded by the fit at the latest: no import waits here.
-        from app.pbbo.eubo import eubo_pair  # noqa: PLC0415
-        from app.pbbo.model_averaging import Average  # noqa: PLC0415
+        from .eubo import eubo_pair  # noqa: PLC0415
+        from .model_averaging import Average  # noqa: PLC0415
 
         belief = self._believe()
         if isinstance(belief, Average):
@@ -304,8 +304,8 @@ class PreferenceOptimizer:
         if self._belief is None:
             # SciPy takes a third of a second to import, which no command should pay that does not
             # fit a model.
-            from app.pbbo.model import belief_over  # noqa: PLC0415
-            from app.pbbo.model_averaging import average_over  # noqa: PLC0415
+            from .model import belief_over  # noqa: PLC0415
+            from .model_averaging import average_over  # noqa: PLC0415
 
             learned = self._learned
             try:

@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 from scipy.spatial.distance import cdist
 
-from app.pbbo.candidates import FloatArray, IndexArray
+from .candidates import FloatArray, IndexArray
 
 # Share of the signal variance on the diagonal, so that points which nearly coincide factorise.
 JITTER: Final = 1e-7

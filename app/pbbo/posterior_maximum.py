@@ -5,10 +5,10 @@ from typing import Final
 import numpy as np
 from scipy.spatial.distance import cdist
 
-from app.pbbo.box import Box
-from app.pbbo.box_design import projected
-from app.pbbo.candidates import FloatArray
-from app.pbbo.model_averaging import FittedScale
+from .box import Box
+from .box_design import projected
+from .candidates import FloatArray
+from .model_averaging import FittedScale
 
 #: First step, and the step at which a start has arrived, as shares of the ranges.
 FIRST_STEP: Final = 0.05

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from numbers import Real
 from typing import Final, Literal, get_args
 
-from app.pbbo.errors import SkipReasonError, SurenessError, UnknownResponseError
+from .errors import SkipReasonError, SurenessError, UnknownResponseError
 
 Response = Literal["left", "right", "skip"]
 RESPONSES: Final[tuple[Response, ...]] = get_args(Response)

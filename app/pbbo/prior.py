@@ -13,8 +13,8 @@ import numpy as np
 from scipy.linalg import lapack
 from scipy.spatial.distance import cdist
 
-from app.pbbo.candidates import Candidates, FloatArray, IndexArray
-from app.pbbo.errors import FitError
+from .candidates import Candidates, FloatArray, IndexArray
+from .errors import FitError
 
 # Share of the signal variance on the diagonal: the first that factorises is taken.
 JITTERS: Final = (1e-10, 1e-9, 1e-8, 1e-7, 1e-6, 1e-5)

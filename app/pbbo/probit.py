@@ -24,7 +24,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from scipy.special import log_ndtr, ndtr
 
-from app.pbbo.candidates import FloatArray
+from .candidates import FloatArray
 
 SQRT_2PI: Final = float(np.sqrt(2.0 * np.pi))
 

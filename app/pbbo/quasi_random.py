@@ -8,7 +8,7 @@ that part are taken more often.
 
 import numpy as np
 
-from app.pbbo.candidates import FloatArray, IndexArray
+from .candidates import FloatArray, IndexArray
 
 
 def quasi_random_candidates(rng: np.random.Generator, points: FloatArray, count: int) -> IndexArray:

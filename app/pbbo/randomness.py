@@ -10,7 +10,7 @@ from typing import Final
 
 import numpy as np
 
-from app.pbbo.errors import SeedError
+from .errors import SeedError
 
 # SQLite and pandas keep integers in 64 signed bits; a larger seed could not be recorded.
 LARGEST_SEED: Final = 2**63 - 1

@@ -17,14 +17,14 @@ from typing import TYPE_CHECKING, Any, Final, Self
 
 import numpy as np
 
-from app.pbbo.candidates import Candidates, FloatArray, IndexArray
-from app.pbbo.errors import FitError, ScoreError, SettingsError, UnknownMethodError
-from app.pbbo.one_thread import one_thread
-from app.pbbo.randomness import Purpose, checked_seed, generator
-from app.pbbo.settings import ScoreSettings, ordinary_length_scale
+from .candidates import Candidates, FloatArray, IndexArray
+from .errors import FitError, ScoreError, SettingsError, UnknownMethodError
+from .one_thread import one_thread
+from .randomness import Purpose, checked_seed, generator
+from .settings import ScoreSettings, ordinary_length_scale
 
 if TYPE_CHECKING:
-    from app.pbbo.prior import Prior
+    from .prior import Prior
 
 SCORE_METHODS: Final = ("bo", "rbo")
 
@@ -163,7 +163,7 @@ class ScoreOptimizer:
         """Posterior mean and standard deviation of the standardised score; each (n,)."""
         if self._belief is None:
             # SciPy takes a third of a second to import; see PreferenceOptimizer.
-            from app.pbbo.prior import prior_over  # noqa: PLC0415
+            from .prior import prior_over  # noqa: PLC0415
 
             prior = prior_over(
                 self._candidates, self._settings.length_scale, self._settings.signal_variance

@@ -13,9 +13,9 @@ from math import isfinite, sqrt
 from types import MappingProxyType
 from typing import Any, Final, Literal
 
-from app.pbbo.engine import EARLIER_ENGINES, ENGINE_VERSION
-from app.pbbo.errors import SettingsError
-from app.pbbo.preferences import SKIP_REASONS, SkipReason
+from .engine import EARLIER_ENGINES, ENGINE_VERSION
+from .errors import SettingsError
+from .preferences import SKIP_REASONS, SkipReason
 
 Acquisition = Literal["thompson"]
 ACQUISITIONS: Final[tuple[Acquisition, ...]] = ("thompson",)

@@ -10,9 +10,9 @@ from typing import Final
 
 import numpy as np
 
-from app.pbbo.candidates import FloatArray, IndexArray
-from app.pbbo.model import Posterior
-from app.pbbo.model_averaging import Average, joint_draws
+from .candidates import FloatArray, IndexArray
+from .model import Posterior
+from .model_averaging import Average, joint_draws
 
 #: Functions drawn: a probability of one half has a standard error of 1.6 %.
 DRAWS: Final = 1000

@@ -23,11 +23,11 @@ from typing import Final
 
 import numpy as np
 
-from app.pbbo.candidates import FloatArray
-from app.pbbo.comparisons import Comparison, Tally
-from app.pbbo.preferences import Preference
-from app.pbbo.prior import KEPT_PRIORS, Prior
-from app.pbbo.synthesis import Skip
+from .candidates import FloatArray
+from .comparisons import Comparison, Tally
+from .preferences import Preference
+from .prior import KEPT_PRIORS, Prior
+from .skip_synthesis import Skip
 
 # Prior variance of the threshold as a share of the signal variance: it may lie anywhere among the
 # candidates' values.

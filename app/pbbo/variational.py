@@ -26,9 +26,9 @@ from typing import Final, NamedTuple
 import numpy as np
 from scipy.linalg import blas, lapack
 
-from app.pbbo.candidates import FloatArray
-from app.pbbo.errors import FitError
-from app.pbbo.probit import expectations
+from .candidates import FloatArray
+from .errors import FitError
+from .probit import expectations
 
 # The first stage's scale as a share of the prior's widest standard deviation, and its sites as
 # multiples of the prior's precision of what an answer sees. Larger scales need more stages, much

@@ -17,7 +17,6 @@ from app.services.background.job_function import JobHandler
 from app.services.background.local import LocalBackground
 from app.services.drafts import transcode_job
 from app.services.ethics import bundle_job
-from app.services.platform_keys import PlatformKeys
 from app.services.proposals.proposer import Proposer
 from app.services.recordings.addresses import VideoAddresses
 from app.services.recordings.recordings import Recordings
@@ -34,6 +33,7 @@ from app.storage.schema import bring_to_newest
 from .context import AppContext, utc_now
 from .deletion_log import DeletionLog
 from .failure_counter import FailureCounter
+from .platform_keys import PlatformKeys
 from .server_secret import ServerSecret
 
 

@@ -8,7 +8,6 @@ from datetime import UTC, datetime
 
 from app.services.background.interface import Background
 from app.services.background.job_function import JobHandler
-from app.services.platform_keys import PlatformKeys
 from app.services.proposals.proposer import Proposer
 from app.services.recordings.addresses import VideoAddresses
 from app.services.recordings.recordings import Recordings
@@ -18,6 +17,7 @@ from app.storage.database import Database
 
 from .deletion_log import DeletionLog
 from .failure_counter import FailureCounter
+from .platform_keys import PlatformKeys
 from .server_secret import ServerSecret
 
 

@@ -8,7 +8,11 @@ from .folder import SHIPPED, TEXT_NAMES, StudyFolder, UnknownStudyError, load, r
 from .markdown import consent_version, render
 from .plan import Condition, Environment, Parameter, Plan, plan_hash
 from .plan_validation import METHODS, Method
-from .protocol import (
+from .questionnaire import AnswerFault, Item, Questionnaires, read_answers
+from .recordings import RecordingRow
+from .scaffold import FolderNotEmptyError, init
+from .stage_settings import Device, DeviceCheck
+from .stages import (
     Answered,
     BreakNotOver,
     Consented,
@@ -28,10 +32,6 @@ from .protocol import (
     advance,
     position,
 )
-from .questionnaire import AnswerFault, Item, Questionnaires, read_answers
-from .recordings import RecordingRow
-from .scaffold import FolderNotEmptyError, init
-from .stage_settings import Device, DeviceCheck
 from .validation_errors import Fault, StudyFaults
 
 __all__ = [

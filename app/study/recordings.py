@@ -21,8 +21,8 @@ from app.video.video_info import UnreadableVideoError
 from . import numbers
 from .files import is_file, misplaced, read_text, within
 from .numbers import Doubtful
+from .probe_cache import probe
 from .validation_errors import Fault, UnreadableFileError
-from .video_probe import probe
 
 FILE_COLUMN = "file"
 SCORE_COLUMN = "score"

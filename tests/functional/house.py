@@ -19,7 +19,7 @@ from app.services.accounts.accounts import Role, Scope
 from app.services.arrival import admission
 from app.services.context import AppContext
 from app.services.drafts import drafts
-from app.services.sessions import stages
+from app.services.sessions import advance
 from app.services.studies import repository
 from app.storage.models.accounts import StudyAccess
 from app.storage.models.records import Job
@@ -104,9 +104,9 @@ def _evaluators(app: AppContext) -> Iterator[tuple[str, str]]:
     for stage in ("consent", "instructions", "query"):
         token, state = admission.start(app, "short")
         if stage != "consent":
-            state = stages.consent(app, token, state["consent"]["version"])
+            state = advance.consent(app, token, state["consent"]["version"])
         while stage == "query" and state["stage"] != stage:
-            state = stages.continue_session(app, token)
+            state = advance.continue_session(app, token)
         yield f"evaluator at {stage}", token
 
 

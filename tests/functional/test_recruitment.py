@@ -11,9 +11,9 @@ from sqlalchemy import text
 from sqlalchemy.exc import OperationalError
 
 from app.services.context import AppContext
-from app.services.sessions import completion, stages
+from app.services.sessions import advance, completion
 from app.services.studies.repository import StudyInfo
-from app.study.protocol import FINAL_STAGES
+from app.study.stages import FINAL_STAGES
 from tests.conftest import Clock
 
 from .client import Api
@@ -274,7 +274,7 @@ def test_a_failure_of_ours_never_withholds_the_way_back(
 ) -> None:
     recruit(PROLIFIC)
     in_browser(client, stage, clock)
-    monkeypatch.setattr(stages, "go_on", full_disk)
+    monkeypatch.setattr(advance, "go_on", full_disk)
     page = client.post("/s/short/continue")
     assert (page.status_code, heading(page)) == (500, "Something of ours has failed")
     assert return_link(page.text) == f"{BACK_TO_PROLIFIC}{code}"

@@ -107,13 +107,15 @@ def test_an_unfinished_session_is_counted_from_its_expiry(
     assert retention.run(app)["short"].sessions == 1
 
 
-def test_somebody_who_came_again_keeps_their_ids_and_loses_the_older_session(
+def test_an_id_that_came_again_is_another_participant_with_times_of_their_own(
     client: Api, app: AppContext, study: StudyInfo, clock: Clock
 ) -> None:
     passage(client)
     clock.forward(15 * DAY)
     passage(client)
-    assert retention.run(app) == {}
+    # An id alone proves nothing, so the two are not joined.
+    assert retention.run(app) == {"short": CleanupResult(0, 1)}
+    assert (ids(app), sessions(app)) == ([PLATFORM_ID], 2)
     clock.forward(5 * DAY)
     assert retention.run(app) == {"short": CleanupResult(1, 0)}
     assert (ids(app), sessions(app)) == ([PLATFORM_ID], 1)

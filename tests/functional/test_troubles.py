@@ -20,7 +20,7 @@ from app.services.failure_counter import FailureContext, FailureCounter, Kind
 from app.services.monitoring.change_token import change_token
 from app.services.monitoring.incidents import incidents
 from app.services.recordings.recordings import Recordings
-from app.services.sessions import stages
+from app.services.sessions import advance
 from app.services.studies.repository import StudyInfo
 from app.storage.models.records import FaultCount, Job
 from app.storage.models.studies import QueryRow
@@ -54,7 +54,7 @@ def failing(monkeypatch: pytest.MonkeyPatch, error: Exception) -> Iterator[None]
         raise error
 
     with monkeypatch.context() as patch:
-        patch.setattr(stages, "current", fail)
+        patch.setattr(advance, "current", fail)
         yield
 
 

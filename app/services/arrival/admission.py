@@ -42,7 +42,7 @@ from app.study import recruitment as rules
 from app.study.folder import WELCOME
 from app.study.identifiers import Given
 from app.study.plan import Plan
-from app.study.protocol import Progress
+from app.study.stages import Progress
 
 from . import (
     capacity,

@@ -12,7 +12,7 @@ from app.services.runtime.errors import StudyFullError
 from app.services.sessions import state_view as session_state
 from app.services.studies.repository import StudyInfo
 from app.storage.models.studies import SessionRow
-from app.study.protocol import Stage
+from app.study.stages import Stage
 
 
 def by_order(db: Session, study: StudyInfo, mode: str, now: datetime) -> Counter[int]:

@@ -18,7 +18,7 @@ from app.services.studies.repository import StudyInfo
 from app.services.studies.session_modes import LIVE
 from app.storage.models.arrivals import Tombstone
 from app.storage.models.studies import SessionRow
-from app.study.protocol import Stage
+from app.study.stages import Stage
 
 from . import entry_links
 

@@ -21,7 +21,7 @@ from app.services.studies.repository import StudyInfo
 from app.services.studies.session_modes import LIVE
 from app.storage.models.studies import PlanVersion, SessionRow, Study
 from app.study.plan import Plan
-from app.study.protocol import AFTER_TRIAL, AT_THE_END, Stage, position
+from app.study.stages import AFTER_TRIAL, AT_THE_END, Stage, position
 
 #: Seed of the fictitious session, so that it is always the same.
 _SEED = 0

@@ -20,8 +20,8 @@ from app.storage.models.studies import (
     Trial,
 )
 from app.study.plan import Plan
-from app.study.protocol import AFTER_TRIAL, AT_THE_END
 from app.study.stage_settings import PRACTICE_INDEX
+from app.study.stages import AFTER_TRIAL, AT_THE_END
 
 from .table import (
     MODE,

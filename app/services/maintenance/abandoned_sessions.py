@@ -15,7 +15,7 @@ from sqlalchemy.orm import Session
 from app.services.context import AppContext
 from app.services.studies.session_modes import OF_PEOPLE
 from app.storage.models.studies import Participant, SessionRow, Study
-from app.study.protocol import Stage
+from app.study.stages import Stage
 
 KEPT = timedelta(days=1)
 #: Sessions deleted in one transaction, few enough not to delay new participants.

@@ -15,7 +15,7 @@ from app.services.studies import repository
 from app.services.studies.session_modes import ALL
 from app.storage.models.arrivals import Tombstone
 from app.storage.models.studies import Participant, QueryRow, Response, SessionRow, Study, Trial
-from app.study.protocol import Stage, position
+from app.study.stages import Stage, position
 
 from . import data_quality
 from .data_quality import Flag

@@ -18,8 +18,8 @@ from app.storage.models.studies import Identity, SessionRow
 from app.study import recruitment as rules
 from app.study.identifiers import Given, UnreadableIdError
 from app.study.plan import Plan
-from app.study.protocol import Stage
 from app.study.recruitment import Outcome
+from app.study.stages import Stage
 
 #: The outcome that each final stage has for a platform.
 OUTCOMES: Mapping[Stage, Outcome] = {

@@ -14,8 +14,8 @@ from app.services.studies.repository import stored_texts
 from app.storage.models.consents import ConsentRow
 from app.storage.models.studies import PlanVersion, SessionRow
 from app.study import markdown as study_markdown
-from app.study import protocol
-from app.study.protocol import FINAL_STAGES, Stage
+from app.study import stages
+from app.study.stages import FINAL_STAGES, Stage
 
 #: Trial index and query index of an event that belongs to no trial.
 NO_TRIAL = -1
@@ -72,7 +72,7 @@ def require_none_due(row: SessionRow) -> None:
     """Raise OutOfOrder if the person has to agree to a changed consent before they continue."""
     session = object_session(row)
     if session is not None and row.stage != Stage.CONSENT and due(session, row) is not None:
-        raise protocol.OutOfOrder(Stage.CONSENT, "the consent has changed, and is asked for again")
+        raise stages.OutOfOrder(Stage.CONSENT, "the consent has changed, and is asked for again")
 
 
 def renew(session: SessionRow, version: PlanVersion, given: str) -> None:
@@ -83,7 +83,7 @@ def renew(session: SessionRow, version: PlanVersion, given: str) -> None:
     """
     in_force = text(stored_texts(version)[session.language])["version"]
     if given != in_force:
-        raise protocol.StaleConsent(in_force, given)
+        raise stages.StaleConsent(in_force, given)
     session.plan = version
 
 

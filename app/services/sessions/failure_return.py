@@ -13,8 +13,8 @@ from app.services.studies import repository
 from app.services.studies.session_modes import LIVE
 from app.study import recruitment
 from app.study.plan import Plan
-from app.study.protocol import Stage
 from app.study.recruitment import Outcome
+from app.study.stages import Stage
 
 from . import completion, lookup
 

@@ -13,7 +13,7 @@ from app.services.runtime.ids import secret_hash
 from app.services.studies import repository
 from app.storage.models.arrivals import Reentry
 from app.storage.models.studies import PlanVersion, SessionRow, Study
-from app.study import protocol
+from app.study import stages
 from app.study.plan import Plan
 
 from . import consents
@@ -76,20 +76,20 @@ def is_too_old(plan: Plan, session: SessionRow, now: datetime) -> bool:
 def require_asked(session: SessionRow, query_index: int) -> None:
     """Raise OutOfOrder unless the session's open query has this index."""
     progress = session_state.read_progress(session)
-    protocol.require_asked(repository.plan_of(session), progress, query_index)
+    stages.require_asked(repository.plan_of(session), progress, query_index)
 
 
-def advance(app: AppContext, session: SessionRow, event: protocol.Event) -> None:
+def advance(app: AppContext, session: SessionRow, event: stages.Event) -> None:
     """Apply an event of the protocol to the session.
 
     Raises a ProtocolError if it is not allowed now.
     """
-    if isinstance(event, protocol.Continued | protocol.Answered | protocol.ScreenedOut):
+    if isinstance(event, stages.Continued | stages.Answered | stages.ScreenedOut):
         # Responses are not checked: one given before the consent text changed must not be lost.
         consents.require_none_due(session)
     plan = repository.plan_of(session)
     session_state.store_progress(
-        session, protocol.advance(plan, session_state.read_progress(session), event)
+        session, stages.advance(plan, session_state.read_progress(session), event)
     )
     session.last_seen_at = app.now()
     if session.stage in session_state.ENDED:

@@ -18,9 +18,9 @@ from app.services.studies.repository import stored_plan
 from app.storage.bulk_insert import insert_rows
 from app.storage.json_rows import AsOneRow
 from app.storage.models.studies import Event, QueryRow, Response, SessionRow, Trial, UndoneResponse
-from app.study import protocol
-from app.study.protocol import ANSWERED, Stage
+from app.study import stages
 from app.study.stage_settings import PRACTICE_INDEX
+from app.study.stages import ANSWERED, Stage
 
 #: The trial index that stands for the practice in seeds; larger than that of any trial.
 _PRACTICE_SEED = 1_000_000
@@ -94,7 +94,7 @@ def find(db: Session, session: SessionRow, public_id: str) -> QueryRow:
     query = db.scalar(_BY_PUBLIC_ID, {"public_id": public_id, "session_id": session.id})
     if query is None:
         if session.stage not in ANSWERED:
-            raise protocol.OutOfOrder(Stage(session.stage), "no query is open")
+            raise stages.OutOfOrder(Stage(session.stage), "no query is open")
         raise NotFoundError(f"this session has no query {public_id!r}")
     return query
 

@@ -16,10 +16,10 @@ from app.services.studies.repository import stored_plan
 from app.storage.models.studies import SessionRow
 from app.study.attention_checks import Kind
 from app.study.plan import Condition, Plan
-from app.study.protocol import Stage
 from app.study.stage_settings import PRACTICE_INDEX
+from app.study.stages import Stage
 
-from . import hidden_checks, queries, undo_offer
+from . import hidden_checks, queries, undo_window
 from .queries import OpenQuery
 
 
@@ -66,7 +66,7 @@ def _undo(
     app: AppContext, db: Session, session: SessionRow, trial: OpenQuery
 ) -> dict[str, str | float] | None:
     """The `undo` of STATE, or None: the query whose response may be undone, and seconds left."""
-    offer = undo_offer.find(db, session, trial, app.now())
+    offer = undo_window.find(db, session, trial, app.now())
     seconds_left = round(offer.seconds_left, 1) if offer is not None else 0.0
     if offer is None or seconds_left <= 0:
         return None

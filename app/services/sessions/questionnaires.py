@@ -8,9 +8,9 @@ from app.services.context import AppContext
 from app.services.runtime.errors import AnswersRefusedError
 from app.services.studies import repository
 from app.storage.models.studies import QuestionnaireAnswer
-from app.study import protocol
-from app.study.protocol import AFTER_TRIAL, Stage
+from app.study import stages
 from app.study.questionnaire import read_answers
+from app.study.stages import AFTER_TRIAL, Stage
 
 from . import lookup, trial_start
 from . import state_view as session_state
@@ -36,7 +36,7 @@ def answer(app: AppContext, token: str, answers: Mapping[str, object]) -> State:
                 raise AnswersRefusedError(tuple(faults), session.stage)
         else:
             values = {}
-        lookup.advance(app, session, protocol.Answered(at=now))
+        lookup.advance(app, session, stages.Answered(at=now))
         db.add_all(
             QuestionnaireAnswer(
                 session_id=session.id,

@@ -35,9 +35,9 @@ from app.services.runtime.errors import (
 from app.services.studies.repository import stored_plan
 from app.storage.bulk_insert import insert_rows
 from app.storage.models.studies import QueryRow, Response, SessionRow
-from app.study import protocol
-from app.study.protocol import Stage
+from app.study import stages
 from app.study.stage_settings import PRACTICE_INDEX
+from app.study.stages import Stage
 
 from . import derived_rows, event_limits, lookup, queries, trial_start
 from . import state_view as session_state
@@ -160,7 +160,7 @@ def _store(
     Raises OutOfOrder, before anything is written, if the session's open query is another one.
     """
     now = app.now()
-    lookup.advance(app, session, protocol.Responded(query_index=query.query_index, at=now))
+    lookup.advance(app, session, stages.Responded(query_index=query.query_index, at=now))
     given = {
         "query_id": query.id,
         "response": answer.response,

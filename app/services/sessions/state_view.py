@@ -19,14 +19,7 @@ from app.services.studies.session_modes import LIVE
 from app.storage.models.studies import SessionRow
 from app.study import markdown as study_markdown
 from app.study.plan import Plan
-from app.study.protocol import (
-    AFTER_TRIAL,
-    AT_THE_END,
-    FINAL_STAGES,
-    Progress,
-    Stage,
-    position,
-)
+from app.study.stages import AFTER_TRIAL, AT_THE_END, FINAL_STAGES, Progress, Stage, position
 from app.study.time_left import seconds_left
 
 from . import completion, consents, familiarisation, query_view

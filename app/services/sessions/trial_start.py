@@ -13,8 +13,8 @@ from app.services.proposals.proposer import ProposedQuery
 from app.services.runtime.ids import new_public_id
 from app.services.studies import repository
 from app.storage.models.studies import QueryRow, SessionRow, Trial
-from app.study.protocol import Stage
 from app.study.stage_settings import PRACTICE, PRACTICE_INDEX
+from app.study.stages import Stage
 
 from . import familiarisation, queries
 

@@ -15,10 +15,10 @@ from app.services.context import AppContext
 from app.services.runtime.errors import TooLateToUndoError
 from app.services.studies.repository import stored_plan
 from app.storage.models.studies import Acquired, PreferenceRow, QueryRow, UndoneResponse
-from app.study import protocol
-from app.study.protocol import Stage
+from app.study import stages
+from app.study.stages import Stage
 
-from . import lookup, queries, undo_offer
+from . import lookup, queries, undo_window
 from . import state_view as session_state
 from .state_view import State
 
@@ -39,7 +39,7 @@ def undo(app: AppContext, token: str, query_id: str) -> State:
         offer = trial = None
         if session.stage == Stage.QUERY:
             trial = queries.load_open_query(db, session, session.trial_index)
-            offer = undo_offer.find(db, session, trial, now)
+            offer = undo_window.find(db, session, trial, now)
         if trial is None or offer is None or offer.query.id != query.id:
             undo_s = stored_plan(session.plan).query.undo_s
             raise TooLateToUndoError(
@@ -49,7 +49,7 @@ def undo(app: AppContext, token: str, query_id: str) -> State:
                 session.stage,
             )
         following = queries.find(db, session, trial.public_id)
-        lookup.advance(app, session, protocol.Undone(query_index=query.query_index))
+        lookup.advance(app, session, stages.Undone(query_index=query.query_index))
         _record_undone(db, query, now)
         db.delete(following)
         queries.close_events(db, session, query, "undone")

@@ -13,12 +13,11 @@ from app.services import deletion_log
 from app.services.accounts import audit_log
 from app.services.context import AppContext
 from app.services.runtime.errors import ForbiddenError, NotFoundError
-from app.services.sessions import receipts
 from app.storage.models.studies import Identity, Participant, Study
-from app.study import protocol
-from app.study.protocol import Stage
+from app.study import stages
+from app.study.stages import Stage
 
-from . import deletion, lookup
+from . import deletion, lookup, receipts
 from . import state_view as session_state
 from .state_view import State
 
@@ -30,7 +29,7 @@ def withdraw(app: AppContext, token: str) -> State:
     """
     with app.database.write() as db:
         session = lookup.find(app, db, token, to_write=True)
-        lookup.advance(app, session, protocol.Withdrew())
+        lookup.advance(app, session, stages.Withdrew())
         if session.stage == Stage.DECLINED:
             key = deletion_log.session_key(session.token_hash)
             app.deletion_log.append(app.now(), deletion_log.IDENTITIES, [key])
@@ -52,7 +51,7 @@ def withdraw_and_delete(app: AppContext, token: str) -> State:
             )
         came_to = session.stage
         if came_to not in session_state.ENDED:
-            lookup.advance(app, session, protocol.Withdrew())
+            lookup.advance(app, session, stages.Withdrew())
         state = {**session_state.describe(app, db, session), "deleted": True}
         if state["stage"] != Stage.DECLINED:
             state["stage"] = Stage.WITHDRAWN.value

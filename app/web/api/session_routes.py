@@ -9,7 +9,7 @@ from fastapi import APIRouter, Depends, Request, Response
 from app.services.arrival import admission
 from app.services.runtime.errors import ForbiddenError
 from app.services.runtime.ids import receipt_code
-from app.services.sessions import questionnaires, responses, stages, withdrawal
+from app.services.sessions import advance, questionnaires, responses, withdrawal
 from app.services.sessions.queries import ClientEvent
 from app.services.sessions.responses import Answer, FaultReport
 from app.services.sessions.undo import undo
@@ -99,14 +99,14 @@ def delete_by_receipt(slug: str, body: AskForDeletion, app: AppDep) -> None:
 def get_session(app: AppDep, token: SessionToken, response: Response) -> State:
     """Where the session is."""
     response.headers["Cache-Control"] = "no-store"
-    return stages.current(app, token)
+    return advance.current(app, token)
 
 
 @of_session.post("/consent", responses=refusals(401, 410, 409, body=True), **STATE)
 @limited_write
 def give_consent(body: GiveConsent, app: AppDep, token: SessionToken) -> State:
     """Agree to the consent of this version."""
-    return stages.consent(app, token, body.version)
+    return advance.consent(app, token, body.version)
 
 
 @of_session.post("/continue", responses=refusals(401, 410, 409, body=True), **STATE)
@@ -115,21 +115,21 @@ def go_on(app: AppDep, token: SessionToken, body: GoOn | None = None) -> State:
     """Leave a page that only has to be left. The device check wants what was measured."""
     measured = body.device if body is not None else None
     device = Device(**measured.model_dump()) if measured is not None else None
-    return stages.continue_session(app, token, device)
+    return advance.continue_session(app, token, device)
 
 
 @of_session.post("/screen-out", responses=refusals(401, 410, 403, 409), **STATE)
 @limited_write
 def screen_out(app: AppDep, token: SessionToken) -> State:
     """Leave the device check for good: the person has no device that passes it."""
-    return stages.screen_out(app, token)
+    return advance.screen_out(app, token)
 
 
 @of_session.post("/watched", responses=refusals(401, 410, 404, 409, body=True), **STATE)
 @limited_write
 def watched(body: Watched, app: AppDep, token: SessionToken) -> State:
     """A video of the familiarisation was watched to its end. The same again changes nothing."""
-    return stages.watch(app, token, body.index)
+    return advance.watch(app, token, body.index)
 
 
 @of_session.post("/questionnaire", responses=refusals(401, 410, 409, body=True), **STATE)

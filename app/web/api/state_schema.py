@@ -10,7 +10,7 @@ from typing import Literal
 
 from pydantic import BaseModel, Field
 
-from app.study.protocol import Stage
+from app.study.stages import Stage
 
 
 class Progress(BaseModel):

@@ -24,7 +24,7 @@ from app.services.runtime.errors import (
     TooManyBegunError,
 )
 from app.services.runtime.ids import new_secret
-from app.services.sessions import stages, withdrawal
+from app.services.sessions import advance, withdrawal
 from app.services.sessions.state_view import ENDED, State
 from app.services.studies import repository, session_modes
 from app.study import recruitment
@@ -55,7 +55,7 @@ def enter(slug: str, request: Request, app: AppDep) -> Response:
         return _arrival(request, slug, app)
     try:
         token = token_of(request, slug)
-        state = stages.current(app, token)
+        state = advance.current(app, token)
     except SessionExpiredError as error:
         return _gone(request, slug, app, error)
     except SignInRequiredError:
@@ -97,7 +97,7 @@ def consent(
     token = request.cookies.get(session_cookie(slug)) if holder is Holder.SAME else None
     browser = session_cookies.secret_of(request)
     if token is not None:
-        successor = stages.successor_of(app, token, browser)
+        successor = advance.successor_of(app, token, browser)
         if is_known(app, token) or is_known(app, successor):
             response = _agree(request, slug, app, token, version, successor)
             kept = successor if is_known(app, successor) else token
@@ -121,7 +121,7 @@ def _agree(
     version: str,
     successor: str | None = None,
 ) -> Response:
-    agreed = partial(stages.consent, app, token, version, successor=successor)
+    agreed = partial(advance.consent, app, token, version, successor=successor)
     return do(request, slug, agreed)
 
 
@@ -199,7 +199,7 @@ def go_on(
     return do(
         request,
         slug,
-        lambda: stages.continue_session(app, token_of(request, slug), leaving=leaving),
+        lambda: advance.continue_session(app, token_of(request, slug), leaving=leaving),
     )
 
 
@@ -258,7 +258,7 @@ def _is_barred(app: AppContext, token: str | None) -> bool:
     """Whether the resume limit has passed in a study that allows no second start."""
     try:
         if token is not None:
-            stages.current(app, token)
+            advance.current(app, token)
     except SessionTooOldError as error:
         return error.policy == "block"
     except (SessionExpiredError, SignInRequiredError):

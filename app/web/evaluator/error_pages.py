@@ -20,7 +20,7 @@ from app.services.runtime.errors import ServiceError
 from app.services.sessions import failure_return
 from app.services.studies import session_modes
 from app.storage.integrity_errors import is_conflict
-from app.study.protocol import ProtocolError
+from app.study.stages import ProtocolError
 from app.web.http import session_paths
 from app.web.http.security import app_context_of, session_cookie
 from app.web.http.translations import translatable

@@ -7,7 +7,7 @@ from fastapi import Request
 from app.services.arrival import pilot_links
 from app.services.context import AppContext
 from app.services.runtime.errors import EntryLinkError, ServiceError
-from app.services.sessions import stages
+from app.services.sessions import advance
 from app.services.studies import repository, session_modes
 from app.web.http import session_paths
 from app.web.http.security import session_cookie
@@ -37,7 +37,7 @@ def is_hidden(request: Request, slug: str, app: AppContext) -> bool:
 
 def _is_known(app: AppContext, token: str) -> bool:
     try:
-        stages.current(app, token)
+        advance.current(app, token)
     except ServiceError:
         return False
     return True

@@ -16,7 +16,7 @@ from app.services.runtime.errors import (
     SessionExpiredError,
     SignInRequiredError,
 )
-from app.services.sessions import receipts, stages, withdrawal
+from app.services.sessions import advance, receipts, withdrawal
 from app.services.sessions.state_view import ENDED
 from app.services.studies import repository, session_modes
 from app.study import recruitment
@@ -45,7 +45,7 @@ _NO_RECEIPT = translatable(
 def ask_to_withdraw(slug: str, request: Request, app: AppDep) -> Response:
     """The confirmation page before withdrawing."""
     try:
-        state = stages.current(app, token_of(request, slug))
+        state = advance.current(app, token_of(request, slug))
     except (SignInRequiredError, SessionExpiredError):
         return to_stage(slug)
     if state["stage"] in ENDED:

@@ -7,7 +7,7 @@ from fastapi.responses import Response
 
 from app.services.context import AppContext
 from app.services.runtime.errors import SessionExpiredError, SignInRequiredError
-from app.services.sessions import stages
+from app.services.sessions import advance
 from app.services.sessions.state_view import State
 from app.services.studies import repository
 from app.web.http.security import AppDep
@@ -43,6 +43,6 @@ def privacy(slug: str, request: Request, app: AppDep) -> Response:
 
 def _state(slug: str, request: Request, app: AppContext) -> State | None:
     try:
-        return stages.current(app, token_of(request, slug))
+        return advance.current(app, token_of(request, slug))
     except (SignInRequiredError, SessionExpiredError):
         return None

@@ -16,7 +16,7 @@ from app.services.runtime.errors import (
     SessionExpiredError,
     SignInRequiredError,
 )
-from app.services.sessions import stages
+from app.services.sessions import advance
 from app.services.sessions.state_view import ENDED
 from app.services.studies import repository
 from app.web.http.concurrency import limited_write
@@ -90,7 +90,7 @@ def ask_who(slug: str, request: Request, app: AppDep) -> Response:
     plan = repository.find(app, slug).plan
     try:
         token = token_of(request, slug)
-        state = stages.current(app, token)
+        state = advance.current(app, token)
     except (SignInRequiredError, SessionExpiredError):
         return to_stage(slug, request.url.query)
     return render(

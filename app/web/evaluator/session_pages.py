@@ -12,13 +12,12 @@ from sqlalchemy.exc import SQLAlchemyError
 
 from app.services.context import AppContext
 from app.services.runtime.errors import NotFoundError, SessionExpiredError, SignInRequiredError
-from app.services.sessions import receipts, stages
+from app.services.sessions import advance, receipts
 from app.services.sessions.state_view import ENDED, State
 from app.services.studies import repository, session_modes
 from app.study.plan import Plan
-from app.study.protocol import ProtocolError
 from app.study.recruitment import MTURK_FRAMES, MTURK_HOSTS
-from app.web.evaluator import hidden_drafts
+from app.study.stages import ProtocolError
 from app.web.http import languages, session_paths, translations
 from app.web.http.public_address import base_url
 from app.web.http.security import (
@@ -31,7 +30,7 @@ from app.web.http.security import (
 from app.web.http.templating import page
 from app.web.http.translations import translatable
 
-from . import session_cookies
+from . import hidden_drafts, session_cookies
 
 #: Pages of a draft that `not_open` stands before; the ethics bundle shows them also of a draft.
 _GUARDED = frozenset({"participant/privacy.html", "participant/delete.html"})
@@ -177,7 +176,7 @@ def token_of(request: Request, slug: str) -> str:
 def is_known(app: AppContext, token: str) -> bool:
     """Whether the token belongs to a session."""
     try:
-        stages.current(app, token)
+        advance.current(app, token)
     except (SignInRequiredError, SessionExpiredError):
         return False
     return True

@@ -9,7 +9,7 @@ from fastapi import APIRouter, Depends, Form, Request
 from fastapi.responses import Response
 
 from app.services.runtime.errors import AnswersRefusedError, ResponseRefusedError
-from app.services.sessions import questionnaires, stages
+from app.services.sessions import advance, questionnaires
 from app.services.sessions import responses as pair_answers
 from app.services.sessions.queries import ClientEvent
 from app.services.sessions.responses import Answer
@@ -49,7 +49,7 @@ TITLES = {
 @limited_write
 def screen_out(slug: str, request: Request, app: AppDep) -> Response:
     """End the session at the device check."""
-    return do(request, slug, lambda: stages.screen_out(app, token_of(request, slug)))
+    return do(request, slug, lambda: advance.screen_out(app, token_of(request, slug)))
 
 
 @router.post("/respond")
@@ -95,7 +95,7 @@ def questionnaire(
     try:
         return do(request, slug, lambda: questionnaires.answer(app, token_of(request, slug), meant))
     except AnswersRefusedError as error:
-        state = stages.current(app, token_of(request, slug))
+        state = advance.current(app, token_of(request, slug))
         faults = {fault.item: fault for fault in error.faults}
         return stage_page(request, slug, state, status=422, given=answers, faults=faults)
 

@@ -20,7 +20,7 @@ from app.services.drafts import uploads
 from app.services.runtime import errors
 from app.storage.commit import CommitLostError
 from app.storage.integrity_errors import is_conflict
-from app.study import protocol
+from app.study import stages
 from app.study.shortening import shortened
 
 from . import languages
@@ -92,11 +92,11 @@ KINDS: tuple[tuple[type[Exception], Kind], ...] = (
     (errors.AnswersRefusedError, Kind(422, "answers-refused", "Some answers cannot be taken")),
     (errors.StudyFullError, Kind(409, "study-full", "The study is full")),
     (errors.ConflictError, Kind(409, "conflict", "Not possible now")),
-    (protocol.StaleConsent, Kind(409, "stale-consent", "The consent text has changed")),
-    (protocol.BreakNotOver, Kind(409, "break-not-over", "The break is not over")),
-    (protocol.DeviceRefused, Kind(409, "device-refused", "The device did not pass its check")),
-    (protocol.WatchMore, Kind(409, "watch-more", "Some videos are still to be watched")),
-    (protocol.ProtocolError, Kind(409, "out-of-order", "Out of order")),
+    (stages.StaleConsent, Kind(409, "stale-consent", "The consent text has changed")),
+    (stages.BreakNotOver, Kind(409, "break-not-over", "The break is not over")),
+    (stages.DeviceRefused, Kind(409, "device-refused", "The device did not pass its check")),
+    (stages.WatchMore, Kind(409, "watch-more", "Some videos are still to be watched")),
+    (stages.ProtocolError, Kind(409, "out-of-order", "Out of order")),
 )
 
 
@@ -221,24 +221,24 @@ async def domain_error(request: Request, error: Exception) -> Response:
     """The response to a domain error, with the members that its type adds."""
     extra: dict[str, Any] = {}
     # Calls that are out of order receive the stage of the session.
-    if isinstance(error, protocol.OutOfOrder | errors.ResponseRefusedError):
+    if isinstance(error, stages.OutOfOrder | errors.ResponseRefusedError):
         extra["stage"] = str(error.stage)
     if isinstance(error, errors.StudyDeletedError):
         extra["way_back"] = error.way_back
     if isinstance(error, errors.AnswersRefusedError):
         extra["stage"] = error.stage
         extra["faults"] = [asdict(fault) for fault in error.faults]
-    if isinstance(error, protocol.BreakNotOver):
-        extra["stage"] = str(protocol.Stage.BREAK)
+    if isinstance(error, stages.BreakNotOver):
+        extra["stage"] = str(stages.Stage.BREAK)
         extra["seconds_left"] = error.seconds_left
-    if isinstance(error, protocol.DeviceRefused):
-        extra["stage"] = str(protocol.Stage.DEVICE_CHECK)
+    if isinstance(error, stages.DeviceRefused):
+        extra["stage"] = str(stages.Stage.DEVICE_CHECK)
         extra["lacks"] = list(error.lacks)
-    if isinstance(error, protocol.WatchMore):
-        extra["stage"] = str(protocol.Stage.FAMILIARISATION)
+    if isinstance(error, stages.WatchMore):
+        extra["stage"] = str(stages.Stage.FAMILIARISATION)
         extra["videos_left"] = error.left
-    if isinstance(error, protocol.StaleConsent):
-        extra["stage"] = str(protocol.Stage.CONSENT)
+    if isinstance(error, stages.StaleConsent):
+        extra["stage"] = str(stages.Stage.CONSENT)
         extra["current_version"] = error.current
     response = _answer(request, kind_of(error), str(error), **extra)
     if isinstance(error, errors.TooManyError):

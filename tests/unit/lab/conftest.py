@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from app.crane.environments import candidates
+from app.lab.environments import World
 from app.lab.experiments import ENVIRONMENTS, FIGURES, Task, plan
 from app.lab.results import Results, Trial
 from app.lab.steps import Step
-from app.lab.worlds import World
 
 RUNS = 5
 

@@ -9,9 +9,9 @@ import pytest
 
 from app.lab import claims_people, claims_simulated
 from app.lab.claims import Claim
+from app.lab.environments import World
 from app.lab.experiments import Task
 from app.lab.results import MissingResultsError, Results
-from app.lab.worlds import World
 from app.statistics.comparisons import p_value
 
 Rank = Callable[[Task], int]

@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 
 from app.lab.engines import Engine, EngineError, run_all
+from app.lab.environments import World
 from app.lab.experiments import Task
-from app.lab.worlds import World
 
 FIRST = Task("certain", (10, 11), "env1", "certain", "pbpo", 0, 0, 8)
 TASKS = [replace(FIRST, trial=trial, seed=trial) for trial in range(4)]

@@ -5,11 +5,11 @@ from collections.abc import Mapping
 import numpy as np
 
 from app.figures import svg
+from app.lab.environments import World
 from app.lab.experiments import ENVIRONMENTS, Task
 from app.lab.results import Trial
 from app.lab.skip_sensitivity import LEVELS, chart, skips, table, tasks
 from app.lab.trials import evaluator_for, run_trial
-from app.lab.worlds import World
 
 from .conftest import made_up
 

@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import pytest
 
+from app.lab.environments import World
 from app.lab.experiments import Task
 from app.lab.steps import COLUMNS, StepTableError, from_csv, to_csv
 from app.lab.trials import run_trial
-from app.lab.worlds import World
 
 TASK = Task("uncertain", (12, 13), "env1", "uncertain", "knockout", 3, 99, 4)
 

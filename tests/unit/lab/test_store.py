@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
+from app.lab.environments import World
 from app.lab.experiments import Task
 from app.lab.store import OtherResultsError, Store, identity
 from app.lab.trials import run_trial
-from app.lab.worlds import World
 
 TASK = Task("certain", (10, 11), "env1", "certain", "knockout", 0, 5, 6)
 

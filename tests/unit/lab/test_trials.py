@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from app.lab.environments import World, WorldError
 from app.lab.experiments import Task
 from app.lab.trials import replayed, run_trial
-from app.lab.worlds import World, WorldError
 
 TASK = Task("certain", (10, 11), "env1", "certain", "pbpo", 0, 1234, 12)
 

@@ -3,7 +3,7 @@
 from collections import Counter
 
 from app.pbbo import Preference, Response
-from app.pbbo.synthesis import Learned
+from app.pbbo.skip_synthesis import Learned
 
 
 def learned(

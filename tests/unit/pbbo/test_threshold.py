@@ -11,7 +11,7 @@ from app.pbbo.comparisons import Comparison
 from app.pbbo.model_averaging import Average, average_over, joint_draws
 from app.pbbo.preferences import Response
 from app.pbbo.quasi_random import quasi_random_candidates
-from app.pbbo.synthesis import Learned
+from app.pbbo.skip_synthesis import Learned
 from app.pbbo.threshold import with_threshold
 
 STEP = 0.05

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import pytest
 
 from app.services.runtime import errors
-from app.study import protocol
+from app.study import stages
 from app.web.http import problems
 
 
@@ -19,7 +19,7 @@ def _all_of(error: type[Exception]) -> Iterator[type[Exception]]:
 
 @pytest.mark.parametrize(
     "error",
-    [*_all_of(errors.ServiceError), *_all_of(protocol.ProtocolError)],
+    [*_all_of(errors.ServiceError), *_all_of(stages.ProtocolError)],
     ids=lambda error: error.__name__,
 )
 def test_every_refusal_has_a_status_and_a_name(error: type[Exception]) -> None:

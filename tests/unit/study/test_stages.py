@@ -27,7 +27,7 @@ from app.study import (
     advance,
     position,
 )
-from app.study.protocol import FINAL_STAGES, Undone
+from app.study.stages import FINAL_STAGES, Undone
 
 NOON = datetime(2025, 3, 14, 12, 0, tzinfo=UTC)
 AGREED = Consented("v1", "v1")

@@ -9,7 +9,7 @@ from sqlalchemy.orm import Session
 
 from app.services.studies.repository import stored_plan
 from app.storage.models.studies import QueryRow, SessionRow
-from app.study.protocol import Stage
+from app.study.stages import Stage
 from app.study.time_left import seconds_left
 
 from . import queries

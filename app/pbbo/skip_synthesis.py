@@ -12,8 +12,8 @@ twice is twice as likely to be drawn: the draw is over the answers.
 
 from typing import NamedTuple
 
-from app.pbbo.preferences import Preference, Response, SkipReason
-from app.pbbo.randomness import Purpose, generator
+from .preferences import Preference, Response, SkipReason
+from .randomness import Purpose, generator
 
 
 class Choice(NamedTuple):

@@ -20,9 +20,9 @@ from app.services.runtime.ids import (
 from app.services.studies import repository
 from app.storage.models.arrivals import Reentry
 from app.storage.models.studies import Event, SessionRow
-from app.study import protocol
-from app.study.protocol import Stage
+from app.study import stages
 from app.study.stage_settings import Device
+from app.study.stages import Stage
 
 from . import consents, familiarisation, lookup, trial_start
 from . import state_view as session_state
@@ -54,7 +54,7 @@ def consent(app: AppContext, token: str, version: str, *, successor: str | None 
         now_in_force = consents.text(repository.stored_texts(session.plan)[session.language])[
             "version"
         ]
-        event = protocol.Consented(version=version, current_version=now_in_force)
+        event = stages.Consented(version=version, current_version=now_in_force)
         lookup.advance(app, session, event)
         consents.agree(db, session, version, app.now())
         if successor is not None:
@@ -96,7 +96,7 @@ def continue_session(
         watched = (
             len(familiarisation.watched(session)) if session.stage == Stage.FAMILIARISATION else 0
         )
-        event = protocol.Continued(at=app.now(), watched=watched, device=device)
+        event = stages.Continued(at=app.now(), watched=watched, device=device)
         lookup.advance(app, session, event)
         if checked and device is not None:
             db.add_all(_measures(session, device))
@@ -108,7 +108,7 @@ def screen_out(app: AppContext, token: str) -> State:
     """End a session whose device does not pass the check. Raises OutOfOrder."""
     with app.database.write() as db:
         session = lookup.find(app, db, token, to_write=True)
-        lookup.advance(app, session, protocol.ScreenedOut())
+        lookup.advance(app, session, stages.ScreenedOut())
         return session_state.describe(app, db, session)
 
 
@@ -140,7 +140,7 @@ def watch(app: AppContext, token: str, index: int) -> State:
     with app.database.write() as db:
         session = lookup.find(app, db, token, to_write=True)
         if session.stage != Stage.FAMILIARISATION:
-            raise protocol.OutOfOrder(Stage(session.stage), "no video is to be watched now")
+            raise stages.OutOfOrder(Stage(session.stage), "no video is to be watched now")
         familiarisation.mark_watched(session, index)
         session.last_seen_at = app.now()
         return session_state.describe(app, db, session)

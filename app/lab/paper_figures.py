@@ -11,6 +11,7 @@ from app.figures.theme import label
 from app.pbbo import PreferenceOptimizer, ScoreOptimizer
 from app.statistics.comparisons import compare
 
+from .environments import World
 from .experiments import (
     CONVERGED_CRANE_RUNS,
     ENVIRONMENTS,
@@ -20,7 +21,6 @@ from .experiments import (
 )
 from .results import Results, Trial
 from .trials import replayed
-from .worlds import World
 
 #: Any Altair chart that can be saved.
 Chart: TypeAlias = Any

@@ -4,6 +4,13 @@
  * @typedef {{loading: Promise<string | null>, blobUrl: string | null, stop: AbortController | null}} Entry
  */
 
+/**
+ * Cached responses are revalidated. Recordings in a store of another site are cached by their signed
+ * link, which several addresses of ours lead to: where a player asked for it first, the response has
+ * no CORS header, and a cached copy of it would be refused to this script.
+ */
+const CACHE = "no-cache";
+
 /** Two requests at a time leave the line room for everything else. */
 const AT_ONCE = 2;
 
@@ -21,12 +28,6 @@ export class Preloader {
   #running = 0;
   /** @type {Set<string>} */
   #missing = new Set();
-  /**
-   * Played by their addresses. What a player got from another site no script may read, and a cache
-   * would hand just that to one.
-   * @type {Set<string>}
-   */
-  #played = new Set();
 
   /**
    * Fetch these, in this order, after what is already under way.
@@ -54,9 +55,9 @@ export class Preloader {
   source(url) {
     const entry = this.#entries.get(url);
     if (!entry) {
-      return this.#byAddress(url);
+      return url;
     }
-    return entry.blobUrl ?? entry.loading.then((blobUrl) => blobUrl ?? this.#byAddress(url));
+    return entry.blobUrl ?? entry.loading.then((blobUrl) => blobUrl ?? url);
   }
 
   /**
@@ -106,17 +107,11 @@ export class Preloader {
     return this.#fetch(url, "reload");
   }
 
-  /** @param {string} url */
-  #byAddress(url) {
-    this.#played.add(url);
-    return url;
-  }
-
   #fill() {
     while (this.#running < AT_ONCE && this.#queue.length > 0) {
       const url = /** @type {string} */ (this.#queue.shift());
       this.#running += 1;
-      this.#fetch(url, this.#played.has(url) ? "no-cache" : "default").then(() => {
+      this.#fetch(url, CACHE).then(() => {
         this.#running -= 1;
         this.#fill();
       });

@@ -274,7 +274,7 @@ def test_a_failure_of_ours_never_withholds_the_way_back(
 ) -> None:
     recruit(PROLIFIC)
     in_browser(client, stage, clock)
-    monkeypatch.setattr(advance, "go_on", full_disk)
+    monkeypatch.setattr(advance, "continue_session", full_disk)
     page = client.post("/s/short/continue")
     assert (page.status_code, heading(page)) == (500, "Something of ours has failed")
     assert return_link(page.text) == f"{BACK_TO_PROLIFIC}{code}"

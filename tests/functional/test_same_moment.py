@@ -88,7 +88,7 @@ def test_a_page_of_the_study_that_comes_second_leads_back_in(
         accounts.create(app, EMAIL, PASSWORD)
         write_account(app, "admin")
 
-    monkeypatch.setattr(advance, "go_on", second)
+    monkeypatch.setattr(advance, "continue_session", second)
     page = client.post("/s/short/continue")
     assert (page.status_code, heading(page)) == (409, "That is not possible now")
     assert "open the study&#39;s link again" in page.text
@@ -103,7 +103,7 @@ def test_any_other_broken_rule_is_a_fault_of_ours(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     in_browser(client, "instructions", clock)
-    monkeypatch.setattr(advance, "go_on", lambda *_, **__: write_account(app, "emperor"))
+    monkeypatch.setattr(advance, "continue_session", lambda *_, **__: write_account(app, "emperor"))
     assert client.post("/s/short/continue").status_code == 500
     assert "IntegrityError" in caplog.text
     assert EMAIL not in caplog.text

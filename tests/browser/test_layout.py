@@ -56,8 +56,10 @@ def test_the_pages_of_a_session_fit_windows_of_every_width(
         assert steps["height"] <= header["height"], width
         privacy, not_you = (box(page, f'[data-testid="{name}"]') for name in ("privacy", "not-you"))
         assert not_you["x"] - (privacy["x"] + privacy["width"]) >= 32, width
+    query = page.url
     for name in ("privacy", "not-you", "withdraw"):
         page.get_by_test_id(name).click()
+        page.wait_for_url(lambda url: url != query)
         for width in WIDTHS:
             page.set_viewport_size({"width": width, "height": 900})
             expect_no_scrolling_sideways(page, width)

@@ -25,10 +25,12 @@ def test_whoever_stops_and_deletes_leaves_nothing_behind(server: Server, page: P
     answer(page, "left", by="button")
     assert rows(server, "responses") == 1
     page.get_by_test_id("withdraw").click()
+    expect(page.get_by_test_id("withdraw-delete-open")).to_be_visible()
     assert violations(page) == []
     # Deletion lies behind a step of its own: one press alone destroys nothing.
     expect(page.get_by_test_id("withdraw-delete")).to_be_hidden()
     page.get_by_test_id("withdraw-delete-open").click()
+    expect(page.get_by_test_id("withdraw-delete")).to_be_visible()
     assert violations(page) == []
     page.get_by_test_id("withdraw-delete").click()
     expect(page.get_by_role("heading", name="Everything is deleted")).to_be_visible()

@@ -82,6 +82,7 @@ def test_the_next_person_at_a_computer_sees_no_receipt_and_begins_anew(
     at(page, "Is it you?")
     assert violations(page) == []
     page.get_by_test_id("it-is-me").click()
+    at(page, "You have stopped")
     assert receipt not in page.content()
     page.goto(f"{server.url}/s/small/delete")
     assert receipt not in page.content()

@@ -18,6 +18,24 @@ from .small_study import SMALL_PLAN
 SLOW_BYTES_PER_S = 12_000
 
 
+#: Pauses the right video once, when it is seen to play, and notes when it plays on. Inside the page:
+#: the time between two looks of a test may be longer than the whole video.
+PAUSED_ONCE = """(() => {
+    document.addEventListener("timeupdate", ({ target }) => {
+        const isIt = target.dataset?.testid === "video-right";
+        if (isIt && !window.paused && target.currentTime > 0.3 && !target.ended) {
+            window.paused = true;
+            target.pause();
+        }
+    }, true);
+    document.addEventListener("playing", ({ target }) => {
+        if (window.paused && target.dataset?.testid === "video-right") {
+            window.playsOn = true;
+        }
+    }, true);
+})()"""
+
+
 def stored(server: Server) -> tuple[list[tuple[int, str | None]], list[str], list[str]]:
     """Each query with its place and fault, the responses, and the names of the events."""
     app = open_app(Settings(data_dir=server.data_dir, media_dir=server.media_dir))
@@ -129,16 +147,11 @@ def test_a_video_that_something_else_pauses_plays_on_with_the_other(
     page: Page, serve: Callable[[str], Server]
 ) -> None:
     server = serve(SMALL_PLAN + "query: {watch_once: true}\n")
+    page.add_init_script(PAUSED_ONCE)
     page.goto(f"{server.url}/s/small")
     page.get_by_test_id("consent").click()
     page.get_by_test_id("continue").click()
-    # Paused in the frame in which it is seen to play: two seconds are soon over on a busy machine.
-    page.wait_for_function(
-        """() => {
-            const video = document.querySelector('[data-testid="video-right"]');
-            return video.currentTime > 0.3 && (video.pause(), true);
-        }"""
-    )
+    page.wait_for_function("() => window.playsOn")
     expect(page.get_by_test_id("answer-left")).to_be_enabled()
     answer(page, "left", by="key")
     _, responses, events = stored(server)

@@ -18,8 +18,8 @@ from .small_study import SMALL_PLAN
 SLOW_BYTES_PER_S = 12_000
 
 
-#: Pauses the right video once, when it is seen to play, and notes when it plays on. Inside the page:
-#: the time between two looks of a test may be longer than the whole video.
+#: Pauses the right video once, when it is seen to play, and notes when it plays on. Inside the
+#: page: the time between two looks of a test may be longer than the whole video.
 PAUSED_ONCE = """(() => {
     document.addEventListener("timeupdate", ({ target }) => {
         const isIt = target.dataset?.testid === "video-right";

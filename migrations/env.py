@@ -9,7 +9,15 @@ from sqlalchemy import event, text
 
 from app.storage.advisory_lock import AdvisoryLock
 from app.storage.database import Database
-from app.storage.models import accounts, arrivals, consents, records, server_secrets, studies
+from app.storage.models import (
+    accounts,
+    arrivals,
+    consents,
+    records,
+    rollouts,
+    server_secrets,
+    studies,
+)
 
 # All modules fill the same metadata.
 for _table in (
@@ -17,6 +25,7 @@ for _table in (
     arrivals.Reentry,
     consents.ConsentRow,
     records.AuditEvent,
+    rollouts.Rollout,
     server_secrets.ServerSecret,
 ):
     assert _table.metadata is studies.Base.metadata

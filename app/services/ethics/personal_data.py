@@ -68,7 +68,7 @@ EVALUATORS: Mapping[str, Mapping[Topic, str]] = {
             "id public_id trial_id query_index attempt trial_type left_candidate "
             "right_candidate left_recording_id right_recording_id acquisition seed "
             "engine_version created_at shown_at repeats_query_index set_aside_at "
-            "fault"
+            "fault left_rollout_id right_rollout_id proposed_from withdrawn_at"
         ),
     },
     "responses": {

@@ -172,7 +172,10 @@ def _trial(
     best = acquired[max(acquired)] if acquired else None
     clips: Sequence[RecordingRef] = () if best is None else space.recordings[best]
     shown = [
-        one for query in trial.queries for one in (query.left_recording, query.right_recording)
+        one
+        for query in trial.queries
+        for one in (query.left_recording, query.right_recording)
+        if one is not None
     ]
     there = app.recordings.sizes([*shown, *clips])
     asked = tuple(

@@ -123,7 +123,7 @@ def _preferences(db: Session, trial: Trial) -> set[tuple[Any, ...]]:
     return {tuple(row) for row in rows}
 
 
-def _shown(query: QueryRow) -> tuple[int, ...]:
+def _shown(query: QueryRow) -> tuple[int | None, ...]:
     return (
         query.left_candidate,
         query.right_candidate,

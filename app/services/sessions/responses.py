@@ -319,6 +319,9 @@ def _check_reason(session: SessionRow, query: QueryRow, answer: Answer) -> None:
 
 
 def _shown(query: QueryRow, response: str, skip_reason: str | None) -> AskedQuery:
+    # Only a pair whose videos exist is answered.
+    assert query.left_recording_id is not None
+    assert query.right_recording_id is not None
     return AskedQuery(
         query_index=query.query_index,
         trial_type=query.trial_type,

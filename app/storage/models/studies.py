@@ -74,6 +74,8 @@ class Study(Base):
     pilot_link_hash: Mapped[str | None] = mapped_column(String(64), unique=True, index=True)
     # Names of conditions that are no longer assigned to new sessions.
     conditions_off: Mapped[list[str]] = mapped_column(default=list, server_default="[]")
+    # Since when no machine is given work: the emergency stop.
+    machines_stopped_at: Mapped[datetime | None]
 
     plans: Mapped[list[PlanVersion]] = relationship(
         back_populates="study", order_by="PlanVersion.version", cascade="all, delete-orphan"
@@ -101,13 +103,18 @@ class Candidate(Base):
     """A parameter vector of the search space of one environment."""
 
     __tablename__ = "candidates"
-    __table_args__ = (UniqueConstraint("study_id", "environment", "candidate_index"),)
+    __table_args__ = (
+        UniqueConstraint("study_id", "environment", "candidate_index"),
+        UniqueConstraint("study_id", "environment", "point_key"),
+    )
 
     id: Mapped[int] = mapped_column(primary_key=True)
     study_id: Mapped[int] = mapped_column(ForeignKey("studies.id", ondelete="CASCADE"))
     environment: Mapped[str] = mapped_column(String(60))
     candidate_index: Mapped[int]
     parameters: Mapped[dict[str, Any]]
+    # In a box, what tells points apart; None for candidates of a list.
+    point_key: Mapped[str | None] = mapped_column(String(200))
 
     recordings: Mapped[list[Recording]] = relationship(
         back_populates="candidate", cascade="all, delete-orphan"
@@ -274,8 +281,16 @@ class QueryRow(Base):
     trial_type: Mapped[str] = mapped_column(String(20))
     left_candidate: Mapped[int]
     right_candidate: Mapped[int]
-    left_recording_id: Mapped[int] = mapped_column(ForeignKey("recordings.id"))
-    right_recording_id: Mapped[int] = mapped_column(ForeignKey("recordings.id"))
+    # None while a machine has not recorded the video yet; the rollout says which run is awaited.
+    left_recording_id: Mapped[int | None] = mapped_column(ForeignKey("recordings.id"))
+    right_recording_id: Mapped[int | None] = mapped_column(ForeignKey("recordings.id"))
+    left_rollout_id: Mapped[int | None] = mapped_column(ForeignKey("rollouts.id"), index=True)
+    right_rollout_id: Mapped[int | None] = mapped_column(ForeignKey("rollouts.id"), index=True)
+    # In a box, what the proposal was made from besides space and seed: "answered", the indices of
+    # the queries learnt from; "pending", the open queries; "excluded", candidates never proposed.
+    proposed_from: Mapped[dict[str, Any] | None]
+    # Since when the response is not learnt from, because a recording of it was withdrawn.
+    withdrawn_at: Mapped[datetime | None]
     acquisition: Mapped[str] = mapped_column(String(40))
     seed: Mapped[int] = mapped_column(BigInteger)
     engine_version: Mapped[str] = mapped_column(String(40))
@@ -288,8 +303,8 @@ class QueryRow(Base):
     fault: Mapped[str | None] = mapped_column(String(200))
 
     trial: Mapped[Trial] = relationship(back_populates="queries")
-    left_recording: Mapped[Recording] = relationship(foreign_keys=[left_recording_id])
-    right_recording: Mapped[Recording] = relationship(foreign_keys=[right_recording_id])
+    left_recording: Mapped[Recording | None] = relationship(foreign_keys=[left_recording_id])
+    right_recording: Mapped[Recording | None] = relationship(foreign_keys=[right_recording_id])
     response: Mapped[Response | None] = relationship(
         back_populates="query", cascade="all, delete-orphan"
     )

@@ -44,9 +44,12 @@ def upgrade() -> None:
             batch.create_index(op.f(f"ix_queries_{side}_rollout_id"), [f"{side}_rollout_id"])
         batch.add_column(sa.Column("proposed_from", sa.JSON(), nullable=True))
         batch.add_column(sa.Column("withdrawn_at", sa.DateTime(timezone=True), nullable=True))
+    op.add_column("acquired", sa.Column("computed_from", sa.JSON(), nullable=True))
 
 
 def downgrade() -> None:
+    with op.batch_alter_table("acquired") as batch:
+        batch.drop_column("computed_from")
     op.execute("DELETE FROM queries WHERE left_recording_id IS NULL OR right_recording_id IS NULL")
     with op.batch_alter_table("queries") as batch:
         batch.drop_column("withdrawn_at")

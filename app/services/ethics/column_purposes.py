@@ -194,6 +194,7 @@ STORED: Mapping[str, StoredTable] = {
             "candidate": "What the method then held to be liked best: the study's outcome.",
             "posterior_mean": "How much it held it to be liked.",
             "posterior_std": "How sure it was.",
+            "computed_from": "From which answers it was computed.",
         },
     ),
     "events": StoredTable(

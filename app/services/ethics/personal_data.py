@@ -83,7 +83,9 @@ EVALUATORS: Mapping[str, Mapping[Topic, str]] = {
         ),
     },
     "acquired": {
-        Topic.ANSWERS: "id trial_id query_index candidate posterior_mean posterior_std",
+        Topic.ANSWERS: (
+            "id trial_id query_index candidate posterior_mean posterior_std computed_from"
+        ),
     },
     "events": {
         Topic.PLAYBACK: "id session_id trial_index query_index event side time_ms value",

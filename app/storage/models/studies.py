@@ -378,6 +378,8 @@ class Acquired(Base):
     candidate: Mapped[int]
     posterior_mean: Mapped[float | None]
     posterior_std: Mapped[float | None]
+    # In a box, what it was computed from besides space and seed: as `QueryRow.proposed_from`.
+    computed_from: Mapped[dict[str, Any] | None]
 
 
 class Event(Base):

@@ -49,6 +49,7 @@ PACKAGES: dict[str, tuple[str, ...]] = {
         "jobs",
         "studies",
         "drafts",
+        "rollouts",
         "sessions",
         "arrival",
         "monitoring",

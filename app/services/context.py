@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
 
 from app.services.background.interface import Background
@@ -11,6 +11,7 @@ from app.services.background.job_function import JobHandler
 from app.services.proposals.proposer import Proposer
 from app.services.recordings.addresses import VideoAddresses
 from app.services.recordings.recordings import Recordings
+from app.services.runtime.known_hashes import KnownHashes
 from app.services.runtime.metrics import Metrics
 from app.services.runtime.settings import Settings
 from app.storage.database import Database
@@ -50,6 +51,8 @@ class AppContext:
     failures: FailureCounter
     #: Handlers by kind of job.
     job_handlers: Mapping[str, JobHandler]
+    #: Hashes of tokens of sessions that are not previews (see `arrival.preview_tokens`).
+    other_tokens: KnownHashes = field(default_factory=KnownHashes)
 
     def close(self) -> None:
         """Stop background work, and close the database and the stores."""

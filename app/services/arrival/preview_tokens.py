@@ -2,11 +2,14 @@
 
 A program that sends a preview's token as a bearer token is answered as long as that credential is
 in force and its account may change the study. The browser's pages check the sign-in themselves.
+
+Tokens of other sessions are remembered by their hashes, because a session never changes its mode:
+only the first call with each of them is looked up in the database.
 """
 
 from __future__ import annotations
 
-from sqlalchemy import or_, select
+from sqlalchemy import bindparam, or_, select
 
 from app.services.accounts import accounts
 from app.services.context import AppContext
@@ -24,6 +27,11 @@ _PREFIX = "preview."
 def prefix_for(credential: str) -> str:
     """The beginning of the tokens of previews that are started with this sign-in or API token."""
     return f"{_PREFIX}{secret_hash(credential)}."
+
+
+def is_other(app: AppContext, token: str) -> bool:
+    """Whether the token is known, without a look at the database, to be no preview's."""
+    return secret_hash(token) in app.other_tokens
 
 
 def require_in_force(app: AppContext, token: str) -> None:
@@ -45,14 +53,27 @@ def require_in_force(app: AppContext, token: str) -> None:
 
 def _slug_of_preview(app: AppContext, token: str) -> str | None:
     hashed = secret_hash(token)
-    entered_again = select(Reentry.session_id).where(Reentry.token_hash == hashed)
-    statement = (
-        select(Study.slug)
-        .join(SessionRow, SessionRow.study_id == Study.id)
-        .where(
-            or_(SessionRow.token_hash == hashed, SessionRow.id.in_(entered_again)),
-            SessionRow.mode == PREVIEW,
+    with app.database.read() as db:
+        found = db.execute(_STUDY_AND_MODE, {"hashed": hashed}).first()
+    if found is None:
+        return None
+    if found.mode != PREVIEW:
+        app.other_tokens.add(hashed)
+        return None
+    slug: str = found.slug
+    return slug
+
+
+# Built once: building it takes longer than executing it.
+_STUDY_AND_MODE = (
+    select(Study.slug, SessionRow.mode)
+    .join(SessionRow, SessionRow.study_id == Study.id)
+    .where(
+        or_(
+            SessionRow.token_hash == bindparam("hashed"),
+            SessionRow.id.in_(
+                select(Reentry.session_id).where(Reentry.token_hash == bindparam("hashed"))
+            ),
         )
     )
-    with app.database.read() as db:
-        return db.scalar(statement)
+)

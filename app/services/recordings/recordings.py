@@ -19,7 +19,7 @@ from threading import Lock
 from typing import Any, Protocol
 
 from cachetools import TTLCache
-from sqlalchemy import select
+from sqlalchemy import bindparam, select
 
 from app.crane import library
 from app.services.background.interface import Background
@@ -28,7 +28,7 @@ from app.services.recordings.stores.interface import InternalRedirect, SignedUrl
 from app.services.runtime.errors import GoneError, NotFoundError, StoreAwayError
 from app.services.runtime.settings import Settings
 from app.storage.database import Database
-from app.storage.models.studies import Candidate, Recording, SessionRow
+from app.storage.models.studies import Recording, SessionRow
 
 from .addresses import AddressedRecording, is_of_session
 
@@ -40,8 +40,8 @@ CRANE = "crane"
 #: Cached sources of recordings: a video is requested in several ranges.
 _MAX_SOURCES = 20_000
 
-#: How long the source of a session's recording is cached, in seconds.
-_SHOWN_S = 60.0
+#: How long it is cached that a session exists, in seconds.
+_SESSION_S = 60.0
 
 #: Concurrent uploads to a store.
 _AT_ONCE = 8
@@ -80,8 +80,10 @@ class Recordings:
         self._settings = settings
         self._stores = open_stores(settings)
         self._find = lru_cache(_MAX_SOURCES)(self._find_uncached)
-        self._shown: TTLCache[AddressedRecording, Source] = TTLCache(_MAX_SOURCES, _SHOWN_S)
-        self._shown_lock = Lock()
+        self._of_id = lru_cache(_MAX_SOURCES)(self._of_id_uncached)
+        #: Ids and seeds of sessions that exist.
+        self._sessions: TTLCache[tuple[int, int], bool] = TTLCache(_MAX_SOURCES, _SESSION_S)
+        self._sessions_lock = Lock()
 
     @property
     def origin(self) -> str | None:
@@ -95,31 +97,27 @@ class Recordings:
     def of_session(self, shown: AddressedRecording) -> Source:
         """The source of a session's recording. Raises GoneError if the session was deleted.
 
-        Results are cached for a minute. During that minute, the addresses of a session that another
-        process has deleted remain valid here.
+        The server made the address for a recording of the session's study, and recordings never
+        change, so only the session has to be looked up. That it exists is cached for a minute.
+        During that minute, the addresses of a session that another process has deleted remain valid
+        here.
         """
-        with self._shown_lock:
-            held = self._shown.get(shown)
-        if held is not None:
-            return held
-        with self._database.read() as db:
-            row = db.execute(
-                select(Recording.source, Recording.locator, SessionRow.seed)
-                .join(Candidate, Recording.candidate_id == Candidate.id)
-                .join(SessionRow, SessionRow.study_id == Candidate.study_id)
-                .where(Recording.id == shown.recording_id, SessionRow.id == shown.session_id)
-            ).one_or_none()
-        if row is None or not is_of_session(shown, row.seed):
-            raise GoneError("the session that was shown this video is deleted")
-        found = FoundSource(row.source, row.locator)
-        with self._shown_lock:
-            self._shown[shown] = found
-        return found
+        session = (shown.session_id, shown.seed)
+        with self._sessions_lock:
+            is_there = session in self._sessions
+        if not is_there:
+            with self._database.read() as db:
+                seed = db.scalar(_SEED, {"session_id": shown.session_id})
+            if seed is None or not is_of_session(shown, seed):
+                raise GoneError("the session that was shown this video is deleted")
+            with self._sessions_lock:
+                self._sessions[session] = True
+        return self._of_id(shown.recording_id)
 
     def clear_session_cache(self) -> None:
-        """Drop the cached sources of all sessions, so that deleted sessions are refused now."""
-        with self._shown_lock:
-            self._shown.clear()
+        """Forget which sessions exist, so that deleted sessions are refused now."""
+        with self._sessions_lock:
+            self._sessions.clear()
 
     def is_available(self, source: Source) -> bool:
         """Whether the file exists or can be rendered; True if unknown. Makes no network call."""
@@ -199,6 +197,7 @@ class Recordings:
     def delete(self, locators: Iterable[str]) -> None:
         """Delete studies' own videos by their locators. Tries all before raising StoreAwayError."""
         self._find.cache_clear()
+        self._of_id.cache_clear()
         self.clear_session_cache()
         left = []
         for locator in locators:
@@ -253,6 +252,20 @@ class Recordings:
         if row is None:
             raise NotFoundError("there is no such recording")
         return FoundSource(row.source, row.locator)
+
+    def _of_id_uncached(self, recording_id: int) -> Source:
+        with self._database.read() as db:
+            row = db.execute(_SOURCE, {"recording_id": recording_id}).one_or_none()
+        if row is None:
+            raise GoneError("the study that had this video is deleted")
+        return FoundSource(row.source, row.locator)
+
+
+# Built once: for such small queries, building the statement takes as long as executing it.
+_SEED = select(SessionRow.seed).where(SessionRow.id == bindparam("session_id"))
+_SOURCE = select(Recording.source, Recording.locator).where(
+    Recording.id == bindparam("recording_id")
+)
 
 
 def make_video(settings: Settings, locator: str) -> Path:

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from datetime import datetime
 from typing import Final
 
-from sqlalchemy import func, select
+from sqlalchemy import bindparam, func, select
 from sqlalchemy.orm import Session
 
 from app.services import failure_counter
@@ -56,6 +56,8 @@ def store(
 
     left_out: how many events the client itself dropped.
     """
+    if not client_events and not left_out:
+        return
     known = [one for one in client_events if one.event in NAMES]
     # One more than the limit: the number of replays comes with a response in addition.
     kept = known[: min(MAX_EVENTS_PER_CALL + 1, _room(db, session))]
@@ -76,5 +78,14 @@ def max_events(plan: Plan) -> int:
 def _room(db: Session, session: SessionRow) -> int:
     """How many more events of this session may be stored."""
     limit = max_events(stored_plan(session.plan))
-    there = select(Event.id).where(Event.session_id == session.id).limit(limit).subquery()
-    return limit - (db.scalar(select(func.count()).select_from(there)) or 0)
+    there = db.scalar(_STORED, {"session_id": session.id, "limit": limit})
+    return limit - (there or 0)
+
+
+# Built once: for such small queries, building the statement takes as long as executing it.
+_STORED = select(func.count()).select_from(
+    select(Event.id)
+    .where(Event.session_id == bindparam("session_id"))
+    .limit(bindparam("limit"))
+    .subquery()
+)

@@ -124,9 +124,7 @@ def previous_query(db: Session, open_query: OpenQuery) -> QueryRow | None:
 
 def was_undone(db: Session, public_id: str) -> bool:
     """Whether a response to this query was ever undone."""
-    query_id = select(QueryRow.id).where(QueryRow.public_id == public_id).scalar_subquery()
-    found = select(UndoneResponse.id).where(UndoneResponse.query_id == query_id).limit(1)
-    return db.scalar(found) is not None
+    return db.scalar(_UNDONE, {"public_id": public_id}) is not None
 
 
 def read_record(db: Session, trial_id: int) -> AnsweredQueries:
@@ -214,6 +212,12 @@ _ANSWERED = (
         QueryRow.trial_id == bindparam("trial_id"), QueryRow.query_index == bindparam("query_index")
     )
     .options(contains_eager(QueryRow.response))
+)
+_UNDONE = (
+    select(UndoneResponse.id)
+    .join(QueryRow, QueryRow.id == UndoneResponse.query_id)
+    .where(QueryRow.public_id == bindparam("public_id"))
+    .limit(1)
 )
 #: Columns before those of `Shown` in the rows of `_OPEN_QUERY`.
 _TRIAL_COLUMNS: tuple[Any, ...] = (Trial.id, Trial.environment, Trial.seed)

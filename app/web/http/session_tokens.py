@@ -28,7 +28,8 @@ async def session_token(
     """The session's token. Raises SignInRequiredError, or ForbiddenError for another's preview."""
     token = bearer(authorization)
     if token is not None:
-        await run_in_threadpool(preview_tokens.require_in_force, app_context_of(request), token)
+        if not preview_tokens.is_other(app_context_of(request), token):
+            await run_in_threadpool(preview_tokens.require_in_force, app_context_of(request), token)
     elif pbpo_study is not None:
         mode, slug = session_paths.of_header(pbpo_study)
         await session_paths.require_admitted(request, mode, slug)

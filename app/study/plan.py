@@ -89,6 +89,13 @@ class Condition(Part):
         description="a mapping of settings for the method such as {preset: paper-env1}",
     )
 
+    @property
+    def optimizer_settings(self) -> dict[str, JsonValue]:
+        """The settings of the optimiser: the condition's own, and what its skip means."""
+        if self.skip is None or self.skip.means is None:
+            return self.settings
+        return {"threshold_skip_means": self.skip.means, **self.settings}
+
 
 class Plan(Part):
     """A whole study as written in its `study.yaml`. The upper limits only catch typing errors."""

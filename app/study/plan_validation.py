@@ -148,7 +148,7 @@ def _conditions(plan: Mapping[str, object]) -> Iterator[Inconsistency]:
             if not allows_skip[method] and skip is not None:
                 message = f"expected no skip button for method {method}, got one"
                 yield Inconsistency((*place, "skip"), message)
-        yield from skip_inconsistencies((*place, "skip"), skip, plan)
+        yield from skip_inconsistencies((*place, "skip"), skip, method, plan)
         yield from _finite((*place, "settings"), condition.get("settings"))
 
 

@@ -1,7 +1,8 @@
 """Settings of the comparisons: skips with their reasons, and the query page."""
 
 from collections.abc import Iterator, Mapping
-from typing import Annotated
+from types import MappingProxyType
+from typing import Annotated, Literal
 
 from pydantic import Field, StrictBool, StrictInt, StrictStr, StringConstraints
 
@@ -9,6 +10,14 @@ from .parsed_plan import Inconsistency, Place, all_languages, as_mapping, langua
 from .plan_model import ONE_OR_MORE_TEXTS, LocalText, Part
 
 FEWEST_REASONS, MOST_REASONS = 2, 4
+
+#: What a skip says under the paper's methods, whatever its label.
+FIXED_MEANING: Mapping[object, str] = MappingProxyType(
+    {
+        "pbpo": "says that both are bad",
+        "pbpo-no-synthesis": "says that the two are equal, and is not learned from",
+    }
+)
 
 ReasonName = Annotated[StrictStr, StringConstraints(pattern=r"^[a-z][a-z0-9_]{0,39}$")]
 
@@ -23,6 +32,10 @@ class Skip(Part):
         max_length=MOST_REASONS,
         description=f"a mapping of {FEWEST_REASONS} to {MOST_REASONS} reasons, each with its text,"
         " such as {both_bad: Both are bad, cannot_tell: I cannot tell}",
+    )
+    means: Literal["both_bad", "cannot_tell"] | None = Field(
+        default=None,
+        description="both_bad or cannot_tell: what a skip without one of these reasons says",
     )
 
 
@@ -42,10 +55,13 @@ class QueryPage(Part):
 
 
 def skip_inconsistencies(
-    place: Place, skip: object, plan: Mapping[str, object]
+    place: Place, skip: object, method: object, plan: Mapping[str, object]
 ) -> Iterator[Inconsistency]:
-    """Labels of a skip button that lack a language of the study."""
+    """Labels of a skip button that lack a language, and a meaning that the method cannot learn."""
     said = as_mapping(skip)
+    if said.get("means") is not None and method in FIXED_MEANING:
+        message = f"expected no meaning under {method}, where a skip {FIXED_MEANING[method]}"
+        yield Inconsistency((*place, "means"), f"{message}; pbpo-threshold learns either")
     yield from all_languages((*place, "label"), said.get("label"), languages_of(plan))
     for name, text in as_mapping(said.get("reasons")).items():
         yield from all_languages((*place, "reasons", name), text, languages_of(plan))

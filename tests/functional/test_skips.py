@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from sqlalchemy import select
 
-from app.pbbo import PreferenceOptimizer
+from app.pbbo import PreferenceOptimizer, Settings
 from app.services.context import AppContext
 from app.services.sessions import replay
 from app.services.studies.repository import StudyInfo
@@ -117,3 +117,41 @@ def test_the_model_learns_from_the_reason_of_a_skip(
     assert stored[1] != pytest.approx(float(without.posterior()[0][stored[0]]))
     [replayed] = list(replay.replay(app, "short"))
     assert replayed.differences == ()
+
+
+def test_a_skip_without_a_reason_means_what_the_plan_says(
+    app: AppContext, study_shelf: StudyShelf, client: Api
+) -> None:
+    label = "skip: {label: {en: I don't like either.}"
+    plan = SHORT_PLAN.replace("    method: pbpo\n", "    method: pbpo-threshold\n").replace(
+        "settings: {preset: paper-env1}", "settings: {}", 1
+    )
+    plan = plan.replace("break_s: 120", "break_s: 0\norder: fixed")
+    assert label in plan
+    study_shelf.put_into(app, plan.replace(label, label + ", means: cannot_tell", 1))
+    session = client.start().to_first_query()
+    for response in ("left", "skip", "right"):
+        assert session.respond(response).status_code == 200
+
+    with app.database.read() as database:
+        trial = database.scalars(select(Trial)).one()
+        told = [
+            (query.left_candidate, query.right_candidate, query.response.response)
+            for query in trial.queries
+            if query.response is not None
+        ]
+        last = database.scalars(select(Acquired).order_by(Acquired.query_index.desc())).first()
+        assert last is not None
+        points = app.proposer.candidate_set(trial.session.study_id, "env1").candidates
+    means = {
+        meaning: PreferenceOptimizer.replay(
+            points,
+            told,
+            method="pbpo-threshold",
+            seed=trial.seed,
+            settings=Settings(threshold_skip_means=meaning),
+        ).posterior()[0][last.candidate]
+        for meaning in ("cannot_tell", "both_bad")
+    }
+    assert last.posterior_mean == pytest.approx(means["cannot_tell"])
+    assert last.posterior_mean != pytest.approx(means["both_bad"])

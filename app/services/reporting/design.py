@@ -32,7 +32,9 @@ def design(db: Session, study: StudyInfo) -> Iterator[Block]:
                 plan.text(condition.skip.label, plan.default_language)
                 if condition.skip
                 else "none",
-                json.dumps(condition.settings, sort_keys=True) if condition.settings else "default",
+                json.dumps(condition.optimizer_settings, sort_keys=True)
+                if condition.optimizer_settings
+                else "default",
             )
             for condition in plan.conditions
         ],

@@ -75,7 +75,7 @@ def trial_spec(
         study_id=session.study_id,
         environment=condition.environment,
         method=condition.method,
-        settings=defaults_under(engine_version) | dict(condition.settings),
+        settings=defaults_under(engine_version) | condition.optimizer_settings,
         seed=seed,
         queries=plan.queries_per_trial,
         repeats=plan.repeats_per_trial,

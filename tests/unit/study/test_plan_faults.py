@@ -46,7 +46,7 @@ Faults = Callable[[Path], list[str]]
             "skip: {label: Neither, labels: Both}",
             (
                 "study.yaml:14: conditions[0].skip.labels: unknown key, expected one of label,"
-                " reasons (did you mean label?)"
+                " reasons, means (did you mean label?)"
             ),
         ),
         (
@@ -63,6 +63,22 @@ Faults = Callable[[Path], list[str]]
             (
                 "study.yaml:11: conditions[0].skip: expected a skip button's label for method pbpo,"
                 " got none"
+            ),
+        ),
+        (
+            "{label: Neither}",
+            "{label: Neither, means: cannot_tell}",
+            (
+                "study.yaml:14: conditions[0].skip.means: expected no meaning under pbpo, where a"
+                " skip says that both are bad; pbpo-threshold learns either"
+            ),
+        ),
+        (
+            "{label: Neither}",
+            "{label: Neither, means: whatever}",
+            (
+                "study.yaml:14: conditions[0].skip.means: expected both_bad or cannot_tell: what a"
+                " skip without one of these reasons says, got 'whatever'"
             ),
         ),
         (

@@ -31,7 +31,7 @@ from app.services.studies import repository, revision, slugs
 from app.study.folder import UnknownStudyError
 from app.study.scaffold import FolderNotEmptyError
 from app.study.shortening import shortened
-from app.study.validation_errors import StudyFaults
+from app.study.validation_errors import StudyFaults, in_lines
 
 commands = typer.Typer(
     no_args_is_help=True,
@@ -179,8 +179,15 @@ def study_init(folder: Annotated[Path, typer.Argument(metavar="FOLDER")]) -> Non
 
 @study_app.command("check")
 def study_check(folder: Folder, data_dir: DataDir = None) -> None:
-    """Name every fault in a study's folder: one line each."""
-    loaded = repository.load_folder(folder)
+    """Name every fault in a study's folder, and what is worth knowing of it."""
+    found = repository.examine_folder(folder)
+    for line in in_lines(found.remarks):
+        out.print(line)
+    if found.unused:
+        out.print(f"not used by the study: {', '.join(found.unused)}")
+    if found.study is None:
+        raise StudyFaults(found.faults)
+    loaded = found.study
     plan = loaded.plan
     out.print(
         f"{plan.slug}: no fault found. {len(plan.conditions)} conditions, {plan.trials} trials of "

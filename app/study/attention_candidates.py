@@ -10,8 +10,8 @@ from .plan import Plan
 def missing_for_checks(
     plan: Plan,
     environment: str,
-    candidates: Sequence[Sequence[float]],
-    scored: Sequence[Sequence[float]] | None,
+    candidates: Sequence[Sequence[float | str]],
+    scored: Sequence[Sequence[float | str]] | None,
 ) -> Iterator[Inconsistency]:
     """What this environment lacks for the checks.
 
@@ -34,5 +34,8 @@ def missing_for_checks(
         yield Inconsistency(("checks", "attention"), message)
 
 
-def _same(one: Sequence[float], other: Sequence[float]) -> bool:
-    return all(map(math.isclose, one, other))
+def _same(one: Sequence[float | str], other: Sequence[float | str]) -> bool:
+    return all(
+        a == b if isinstance(a, str) or isinstance(b, str) else math.isclose(a, b)
+        for a, b in zip(one, other, strict=True)
+    )

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import csv
 import hashlib
-import io
 import re
 import unicodedata
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from ruamel.yaml.comments import CommentedMap
 
-from .recordings import FILE_COLUMN, SCORE_COLUMN
 from .scaffold import EXAMPLE
 from .yaml_edit import edited, set_key
 
@@ -37,22 +34,15 @@ def slug_of(title: str) -> str:
     return slug[:LONGEST_SLUG].strip("-") or "my-study"
 
 
-def parameters_of(csv_text: str) -> list[str]:
-    """The columns of a recordings' CSV that are parameters."""
-    header = next(csv.reader(io.StringIO(csv_text)), [])
-    names = [name.strip() for name in header]
-    return [name for name in names if name and name not in (FILE_COLUMN, SCORE_COLUMN)]
-
-
 def begin_plan(
     title: str,
     source: str = "recordings.csv",
-    parameters: Sequence[str] = (),
+    parameters: Sequence[Mapping[str, object]] = (),
     slug: str | None = None,
 ) -> str:
     """A `study.yaml` with every key explained. Without parameters it has those of the example.
 
-    slug: by default derived from the title.
+    parameters: their entries in the file. slug: by default derived from the title.
     """
     text = (EXAMPLE / "study.yaml").read_text(encoding="utf-8")
     text = text.replace("  kitchen:\n    label: Kitchen\n", f"  {ENVIRONMENT}:\n")
@@ -63,7 +53,7 @@ def begin_plan(
         set_key(data, "title", title)
         set_key(data["environments"][ENVIRONMENT], "source", source)
         if parameters:
-            set_key(data, "parameters", [{"name": name} for name in parameters])
+            set_key(data, "parameters", list(map(dict, parameters)))
 
     return edited(text, fill)
 

@@ -2,6 +2,7 @@
 
 from pathlib import Path, PurePosixPath
 
+from .shortening import quoted
 from .validation_errors import UnreadableFileError
 
 #: The longest text, in bytes; a table of 20,000 videos takes a tenth of it.
@@ -29,10 +30,10 @@ def is_file(path: Path) -> bool:
         return False
 
 
-def read_text(root: Path, path: Path) -> str:
-    """The file's text with line ends as \\n and without a byte order mark.
+def read_bytes(root: Path, path: Path) -> bytes:
+    """The content of a file within `root`, of at most `LONGEST_TEXT` bytes.
 
-    Raises UnreadableFileError, also for a text that is longer than `LONGEST_TEXT`.
+    Raises UnreadableFileError.
     """
     if not is_file(path):
         raise UnreadableFileError("expected a file of this name, there is none")
@@ -45,6 +46,15 @@ def read_text(root: Path, path: Path) -> str:
         raise UnreadableFileError(f"expected a file to read, got {error.strerror}") from error
     if len(content) > LONGEST_TEXT:
         raise UnreadableFileError(f"expected a text of at most {LONGEST_TEXT:,} bytes, got more")
+    return content
+
+
+def read_text(root: Path, path: Path) -> str:
+    """The file's text with line ends as \\n and without a byte order mark.
+
+    Raises UnreadableFileError, also for a text that is longer than `LONGEST_TEXT`.
+    """
+    content = read_bytes(root, path)
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -61,9 +71,9 @@ def misplaced(name: str) -> str | None:
         return "expected the name of a file, got nothing"
     path = PurePosixPath(name)
     if not path.parts:
-        return f"expected the name of a file, got {name!r}"
+        return f"expected the name of a file, got {quoted(name)}"
     if "\\" in name or "\0" in name or ":" in path.parts[0]:
-        return f"expected a path with forward slashes such as videos/a.mp4, got {name!r}"
+        return f"expected a path with forward slashes such as videos/a.mp4, got {quoted(name)}"
     if path.is_absolute() or ".." in path.parts:
-        return f"expected a path inside the study folder, got {name!r}"
+        return f"expected a path inside the study folder, got {quoted(name)}"
     return None

@@ -2,20 +2,21 @@
 
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
 
 from app.video.decoder_client import Decoder
 
 from .attention_candidates import missing_for_checks
+from .file_lookup import MOST_FILES
 from .files import is_file, misplaced, read_text
 from .markdown import placeholders
-from .parsed_plan import Inconsistency
+from .parsed_plan import Inconsistency, as_list, as_mapping
 from .plan import LANGUAGE_PATTERN, Plan
 from .plan_source import STUDY_FILE, PlanReading, SettingsCheck, read_plan
-from .plan_validation import parameter_names
-from .recordings import RecordingRow, RecordingsReader, candidates_of
+from .recordings import ParameterColumn, RecordingRow, RecordingsReader, Value, candidates_of
+from .tables import TABLE_ENDINGS
 from .validation_errors import Fault, StudyFaults, UnreadableFileError
 
 TEXT_NAMES = ("consent", "instructions", "debrief")
@@ -36,18 +37,20 @@ class StudyFolder:
     """A valid study folder.
 
     texts: language -> name (consent, instructions, debrief, and welcome if it has one) -> Markdown.
-    recordings: the rows of all CSV files, in their order; none for the crane's environments.
+    recordings: the rows of all tables, in their order; none for the crane's environments.
     """
 
     root: Path
     plan: Plan
     texts: Mapping[str, Mapping[str, str]]
     recordings: tuple[RecordingRow, ...]
-    #: What does no harm in its videos, and is worth knowing.
+    #: How its tables were understood, and what does no harm in its videos and is worth knowing.
     remarks: tuple[Fault, ...] = ()
+    #: Files in the folder that no part of the study names.
+    unused: tuple[str, ...] = ()
 
-    def candidates(self, environment: str) -> tuple[tuple[float, ...], ...]:
-        """The different candidates of an environment of the study's own, in the CSV's order."""
+    def candidates(self, environment: str) -> tuple[tuple[Value, ...], ...]:
+        """The different candidates of an environment of the study's own, in the table's order."""
         return candidates_of(self.recordings, environment)
 
 
@@ -68,13 +71,43 @@ def resolve(name_or_path: str) -> Path:
     return path
 
 
+@dataclass(frozen=True)
+class Examination:
+    """What a check of a study folder finds.
+
+    study: None if there are faults. remarks: how tables were understood, and what is worth knowing
+    of the videos. unused: files that no part of the study names. sources: the tables that were
+    read, by the name that the plan gives them.
+    """
+
+    study: StudyFolder | None
+    faults: tuple[Fault, ...] = ()
+    remarks: tuple[Fault, ...] = ()
+    unused: tuple[str, ...] = ()
+    data: Mapping[str, object] = field(default_factory=dict)
+    sources: Mapping[str, str] = field(default_factory=dict)
+
+
 def load(
     folder: Path,
     *,
     settings_check: SettingsCheck | None = None,
     crane_candidates: Callable[[str], Iterable[Sequence[float]]] | None = None,
 ) -> StudyFolder:
-    """Read a study folder. Raises StudyFaults with every fault in it.
+    """Read a study folder. Raises StudyFaults with every fault in it; arguments as of `examine`."""
+    found = examine(folder, settings_check=settings_check, crane_candidates=crane_candidates)
+    if found.study is None:
+        raise StudyFaults(found.faults)
+    return found.study
+
+
+def examine(
+    folder: Path,
+    *,
+    settings_check: SettingsCheck | None = None,
+    crane_candidates: Callable[[str], Iterable[Sequence[float]]] | None = None,
+) -> Examination:
+    """Check a study folder.
 
     settings_check: returns what is wrong with a condition's settings, or None.
     crane_candidates: returns the candidates of an environment of the crane, to validate those of
@@ -83,16 +116,34 @@ def load(
     try:
         text = read_text(folder, folder / STUDY_FILE)
     except UnreadableFileError as error:
-        raise StudyFaults([Fault(STUDY_FILE, error.line, str(error))]) from error
+        fault = Fault(STUDY_FILE, error.line, str(error))
+        return Examination(None, (fault,), unused=unused_files(folder, {STUDY_FILE}))
     reading = read_plan(text, settings_check)
     texts, text_faults = _read_texts(folder, _languages(reading))
-    recordings, recording_faults, remarks = _read_recordings(folder, reading)
-    faults = [*reading.faults, *text_faults, *recording_faults]
+    recordings, reader = _read_recordings(folder, reading)
+    faults = [*reading.faults, *text_faults, *reader.faults]
     if not faults and reading.plan is not None:
         faults = _check_faults(reading, reading.plan, recordings, crane_candidates)
-    if faults or reading.plan is None:
-        raise StudyFaults(faults)
-    return StudyFolder(folder, reading.plan, texts, tuple(recordings), tuple(remarks))
+    used = {STUDY_FILE, *reader.named, *reader.sources.values()}
+    used |= {f"texts/{language}/{name}.md" for language, named in texts.items() for name in named}
+    used |= {fault.file for fault in faults}
+    unused = unused_files(folder, used)
+    remarks = tuple(reader.remarks)
+    study = None
+    if not faults and reading.plan is not None:
+        study = StudyFolder(folder, reading.plan, texts, tuple(recordings), remarks, unused)
+    return Examination(study, tuple(faults), remarks, unused, reading.data, reader.sources)
+
+
+def unused_files(folder: Path, used: set[str]) -> tuple[str, ...]:
+    """The files in the folder, without hidden ones, that are not among those used."""
+    found = []
+    for path in sorted(folder.rglob("*"))[:MOST_FILES]:
+        place = path.relative_to(folder)
+        hidden = any(part.startswith(".") for part in place.parts)
+        if not hidden and place.as_posix() not in used and is_file(path):
+            found.append(place.as_posix())
+    return tuple(found)
 
 
 def _check_faults(
@@ -110,7 +161,7 @@ def _check_faults(
         candidates = crane_candidates(name) if is_crane and crane_candidates else ()
         own = [row for row in rows if row.environment == name]
         scored = None if is_crane else [row.candidate for row in own if row.score is not None]
-        points = list(candidates) if is_crane else [row.candidate for row in own]
+        points = [tuple(one) for one in candidates] if is_crane else [row.candidate for row in own]
         found.extend(missing_for_checks(plan, name, points, scored))
     line = reading.lines.line if reading.lines else lambda _: None
     return [Fault(STUDY_FILE, line(one.place), str(one)) for one in found]
@@ -157,32 +208,48 @@ def text_faults(file: str, text: str) -> Iterator[Fault]:
 
 def _read_recordings(
     folder: Path, reading: PlanReading
-) -> tuple[list[RecordingRow], list[Fault], list[Fault]]:
-    """The rows, the faults, and the remarks."""
-    environments = reading.data.get("environments")
-    if not isinstance(environments, dict):
-        return [], [], []
-    names = parameter_names(reading.data)
-    # If a parameter has no valid name, missing columns cannot be determined.
-    parameters = [name for name in names if isinstance(name, str)]
-    parameters = parameters if len(parameters) == len(names) else []
+) -> tuple[list[RecordingRow], RecordingsReader]:
+    """The rows, and the reader with its faults and remarks."""
+    environments = as_mapping(reading.data.get("environments"))
+    parameters = parameter_columns(reading.data)
     with Decoder() as decoder:
         reader = RecordingsReader(folder, decoder)
-        rows = _rows(reader, environments, parameters)
-    return rows, reader.faults, reader.remarks
+        return _rows(reader, environments, parameters), reader
+
+
+def parameter_columns(data: Mapping[str, object]) -> list[ParameterColumn]:
+    """The parameters of a plan that may have faults; none if one of them has no valid name.
+
+    Without valid names, missing columns cannot be determined.
+    """
+    found = []
+    for parameter in map(as_mapping, as_list(data.get("parameters"))):
+        name, label, unit = parameter.get("name"), parameter.get("label"), parameter.get("unit")
+        if not isinstance(name, str):
+            return []
+        labels = [label] if isinstance(label, str) else list(as_mapping(label).values())
+        found.append(
+            ParameterColumn(
+                name,
+                tuple(one for one in labels if isinstance(one, str)),
+                unit if isinstance(unit, str) else None,
+                tuple(one for one in as_list(parameter.get("values")) if isinstance(one, str)),
+            )
+        )
+    return found
 
 
 def _rows(
-    reader: RecordingsReader, environments: Mapping[str, object], parameters: Sequence[str]
+    reader: RecordingsReader,
+    environments: Mapping[str, object],
+    parameters: Sequence[ParameterColumn],
 ) -> list[RecordingRow]:
     rows: list[RecordingRow] = []
-    sources: set[str] = set()
     for name, environment in environments.items():
         source = environment.get("source") if isinstance(environment, dict) else None
-        if not isinstance(source, str) or not source.endswith(".csv") or source in sources:
+        if not isinstance(source, str) or not source.lower().endswith(TABLE_ENDINGS):
             continue
-        if misplaced(source) is not None:
+        if source in reader.sources or misplaced(source) is not None:
             continue
-        sources.add(source)
         rows.extend(reader.read(name, source, parameters))
     return rows

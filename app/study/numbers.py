@@ -68,6 +68,12 @@ def read(typed: str) -> Decimal | Doubtful | None:
     return _exact(text.replace(",", ".") if text.count(",") == 1 and "." not in text else text)
 
 
+def read_with_point(typed: str) -> Decimal | None:
+    """The number in a text whose point is known to be a decimal mark; None if it is no number."""
+    text = _in_ascii(typed.strip())
+    return None if text is None or len(text) > LONGEST else _exact(text)
+
+
 def plain(number: Decimal) -> str:
     """The exact number in ASCII with a decimal point and without superfluous zeros."""
     short = number.normalize(_EXACT)

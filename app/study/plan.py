@@ -60,12 +60,12 @@ class Parameter(Part):
 
 
 class Environment(Part):
-    """Where recordings come from: the simulated crane, or a CSV file of the study's own."""
+    """Where recordings come from: the simulated crane, or a table of the study's own."""
 
     label: LocalText | None = Field(default=None, description=ONE_OR_MORE_TEXTS)
     source: StrictStr = Field(
-        pattern=r"^(crane|.*\.csv)$",
-        description="crane, or the name of a CSV file in the study folder such as recordings.csv",
+        pattern=r"^(crane|.*\.([cC][sS][vV]|[tT][sS][vV]|[xX][lL][sS][xX]))$",
+        description="crane, or the name of a table in the study folder such as recordings.csv",
     )
 
     @property

@@ -1,4 +1,4 @@
-"""Reads the CSV files that list a study's recordings, one row per video.
+"""Reads the tables that list a study's recordings, one row per video.
 
 The header names every parameter, `file`, and optionally `score`. Rows with equal parameters are
 several recordings of one candidate.
@@ -6,59 +6,74 @@ several recordings of one candidate.
 
 from __future__ import annotations
 
-import csv
 import hashlib
-import io
 import math
-import re
+import unicodedata
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from decimal import Decimal
 from pathlib import Path
 
 from app.video.decoder_client import Decoder
 from app.video.video_info import UnreadableVideoError
 
 from . import numbers
-from .files import is_file, misplaced, read_text, within
+from .cell_advice import advice
+from .file_lookup import FileLookup, NoFileError
 from .numbers import Doubtful
 from .probe_cache import probe
+from .shortening import quoted
+from .table_headers import (
+    FILE_COLUMN,
+    SCORE_COLUMN,
+    Columns,
+    UnmatchedColumnsError,
+    Wanted,
+    is_aside,
+    label_and_unit,
+    match,
+)
+from .table_source import find_source
+from .tables import Line, Table, read_table
 from .validation_errors import Fault, UnreadableFileError
 
-FILE_COLUMN = "file"
-SCORE_COLUMN = "score"
 FEWEST_CANDIDATES = 2
 #: Limits on the work for one study and on the length of the page that lists its faults.
 MOST_COLUMNS = 200
 MOST_FAULTS = 1_000
-# Stricter than Python's own reading, which takes "1_000", "infinity" and Arabic digits too.
-NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
-
+#: Columns left aside and converted cells that a remark names.
+_MOST_NAMED = 5
 
 #: What a video is expected to be: browsers play it without any help.
 PLAYABLE = "a video that every browser plays, such as H.264 in MP4"
 
+#: A parameter's value: a number, or a category as the plan writes it.
+Value = float | str
+
+
+@dataclass(frozen=True)
+class ParameterColumn:
+    """A parameter as the reader needs it. values: its categories; empty for a number."""
+
+    name: str
+    labels: tuple[str, ...] = ()
+    unit: str | None = None
+    values: tuple[str, ...] = ()
+
 
 @dataclass(frozen=True)
 class RecordingRow:
-    """One recorded run of a candidate, as the study's CSV file lists it.
+    """One recorded run of a candidate, as the study's table lists it.
 
     `file` is relative to the study folder, with forward slashes.
     """
 
     environment: str
-    candidate: tuple[float, ...]
+    candidate: tuple[Value, ...]
     file: str
     sha256: str
     duration_s: float
     score: float | None = None
-
-
-@dataclass(frozen=True)
-class _Line:
-    """One row as it stands in the file: `number` is the line it begins on."""
-
-    number: int
-    cells: Sequence[str]
 
 
 @dataclass(frozen=True)
@@ -71,30 +86,53 @@ class _FoundVideo:
 class _NoVideoError(Exception):
     """A cell that names no usable video; the message says what was expected and what came."""
 
+    def __init__(self, message: str, cause: str) -> None:
+        super().__init__(message)
+        self.cause = cause
+
 
 @dataclass
 class RecordingsReader:
-    """Reads the CSV files of one study; a video may occur only once in all of them."""
+    """Reads the tables of one study; a video may occur only once in all of them.
+
+    remarks: what was understood, and what does no harm. sources: the files that were read, by
+    the name that the plan gives them.
+    """
 
     root: Path
     decoder: Decoder
     faults: list[Fault] = field(default_factory=list)
     remarks: list[Fault] = field(default_factory=list)
+    sources: dict[str, str] = field(default_factory=dict)
+    #: Files that rows name, usable or not, relative to the folder.
+    named: set[str] = field(default_factory=set)
     _rows_by_path: dict[Path, str] = field(default_factory=dict)
     _rows_by_content: dict[str, str] = field(default_factory=dict)
 
-    def read(self, environment: str, source: str, parameters: Sequence[str]) -> list[RecordingRow]:
-        """The rows without faults. Empty `parameters`: every other column is a parameter."""
-        lines = self._lines(source)
-        if not lines:
+    def __post_init__(self) -> None:
+        self._files = FileLookup(self.root)
+        #: Of the table being read: numbers in other scripts, and cells that name a file otherwise.
+        self._renamed: dict[str, str] = {}
+        self._found_elsewhere: dict[str, str] = {}
+
+    def read(
+        self, environment: str, source: str, parameters: Sequence[ParameterColumn]
+    ) -> list[RecordingRow]:
+        """The rows without faults. Empty `parameters`: every other column may be a parameter."""
+        table = self._table(source)
+        if table is None:
             return []
-        header = [name.strip() for name in lines[0].cells]
-        names = list(parameters) or [n for n in header if n not in (FILE_COLUMN, SCORE_COLUMN)]
-        if not self._header_is_sound(source, lines[0].number, header, names):
+        columns = self._columns(source, table, parameters)
+        if columns is None:
             return []
+        if not parameters:
+            parameters = [
+                ParameterColumn(table.header.cells[place]) for place in columns.parameters
+            ]
         rows: list[RecordingRow] = []
-        candidates: set[tuple[float, ...]] = set()
-        for line in lines[1:]:
+        candidates: set[tuple[Value, ...]] = set()
+        self._renamed, self._found_elsewhere = {}, {}
+        for line in table.lines:
             if len(self.faults) >= MOST_FAULTS:
                 message = (
                     f"expected fewer faults before this row, got {len(self.faults)}:"
@@ -102,158 +140,221 @@ class RecordingsReader:
                 )
                 self._fault(source, line.number, message)
                 return rows
-            if len(line.cells) != len(header):
-                message = f"expected {len(header)} values as in the header, got {len(line.cells)}"
-                self._fault(source, line.number, message)
-                continue
-            cells = dict(zip(header, (cell.strip() for cell in line.cells), strict=True))
-            candidate = [self._number(source, line.number, name, cells[name]) for name in names]
-            score = None
-            if cells.get(SCORE_COLUMN):
-                score = self._number(source, line.number, SCORE_COLUMN, cells[SCORE_COLUMN])
-            video = self._video(source, line.number, cells[FILE_COLUMN])
-            if None in candidate:
-                continue
-            point = tuple(value for value in candidate if value is not None)
-            candidates.add(point)
-            if video is not None:
-                rows.append(
-                    RecordingRow(
-                        environment, point, video.file, video.sha256, video.duration_s, score
-                    )
-                )
-        for name in (*names, SCORE_COLUMN):
-            self._remark_on_points(source, header, lines, name)
+            row = self._row(environment, source, table, columns, parameters, line, candidates)
+            if row is not None:
+                rows.append(row)
+        self._remark_on_table(source, table, columns, parameters)
         if len(candidates) < FEWEST_CANDIDATES:
             message = f"expected at least two different candidates, got {len(candidates)}"
             self._fault(source, None, message)
         return rows
 
-    def _lines(self, source: str) -> list[_Line]:
-        """All rows with something in them; a blank line between rows does no harm."""
+    def _row(
+        self,
+        environment: str,
+        source: str,
+        table: Table,
+        columns: Columns,
+        parameters: Sequence[ParameterColumn],
+        line: Line,
+        candidates: set[tuple[Value, ...]],
+    ) -> RecordingRow | None:
+        if len(line.cells) != len(table.header.cells):
+            expected, came = len(table.header.cells), len(line.cells)
+            message = f"expected {expected} values as in the header, got {came}"
+            if came > expected and table.delimiter == ",":
+                message += " (a decimal comma needs quotes around the number)"
+            self._fault(source, line.number, message, "length")
+            return None
+        cells = line.cells
+        point = [
+            self._value(source, table, line, place, parameter)
+            for place, parameter in zip(columns.parameters, parameters, strict=True)
+        ]
+        score = None
+        if columns.score is not None and cells[columns.score]:
+            wanted = ParameterColumn(SCORE_COLUMN)
+            score = self._number(source, table, line, columns.score, wanted)
+        video = self._video(source, line.number, cells[columns.file])
+        if any(value is None for value in point):
+            return None
+        candidate = tuple(value for value in point if value is not None)
+        candidates.add(candidate)
+        if video is None:
+            return None
+        return RecordingRow(
+            environment, candidate, video.file, video.sha256, video.duration_s, score
+        )
+
+    def _table(self, source: str) -> Table | None:
+        path = find_source(self.root, source)
+        found = path.relative_to(self.root).as_posix()
+        self.sources[source] = found
         try:
-            text = read_text(self.root, self.root / source)
+            table = read_table(self.root, path, self._files.names)
         except UnreadableFileError as error:
             self._fault(source, error.line, str(error))
-            return []
-        lines: list[_Line] = []
-        reader = csv.reader(io.StringIO(text, newline=""), strict=True)
-        begins = 1
-        try:
-            for cells in reader:
-                if any(cell.strip() for cell in cells):
-                    lines.append(_Line(begins, cells))
-                begins = reader.line_num + 1
-        except csv.Error as error:
-            self._fault(source, begins, f"expected values separated by commas, got: {error}")
-            return []
-        if not lines:
-            self._fault(source, None, "expected a header row, got an empty file")
-        return lines
-
-    def _header_is_sound(
-        self, source: str, line: int, header: Sequence[str], names: Sequence[str]
-    ) -> bool:
-        if len(header) > MOST_COLUMNS:
-            message = f"expected at most {MOST_COLUMNS} columns, got {len(header)}"
-            self._fault(source, line, message)
-            return False
-        expected = [*names, FILE_COLUMN]
-        allowed = [*expected, SCORE_COLUMN]
-        came = ", ".join(header)
-        if len(header) == 1 and ";" in header[0]:
-            self._fault(source, line, f"expected columns separated by commas, got {came}")
-            return False
-        problems = [
-            f"expected a column {name}, got {came}" for name in expected if name not in header
-        ]
-        problems += [
-            f"unknown column {name!r}, expected {', '.join(expected)} and optionally {SCORE_COLUMN}"
-            for name in dict.fromkeys(header)
-            if name not in allowed
-        ]
-        problems += [
-            f"expected each column once, got {name} {header.count(name)} times"
-            for name in dict.fromkeys(header)
-            if header.count(name) > 1
-        ]
-        for problem in problems:
-            self._fault(source, line, problem)
-        return not problems
-
-    def _number(self, source: str, line: int, column: str, cell: str) -> float | None:
-        value = float(cell) if NUMBER.fullmatch(cell) else math.nan
-        if not math.isfinite(value):
-            message = f"{column}: expected a finite number, got {cell!r}{_meant(cell)}"
-            self._fault(source, line, message)
             return None
-        # Negative zero is the same candidate as zero.
-        return value + 0.0
+        if found != source:
+            self.remarks.append(Fault(source, None, f"{found} is read in its place"))
+        for note in table.notes:
+            self.remarks.append(Fault(source, None, note))
+        return table
 
-    def _remark_on_points(
-        self, source: str, header: Sequence[str], lines: Sequence[_Line], column: str
+    def _columns(
+        self, source: str, table: Table, parameters: Sequence[ParameterColumn]
+    ) -> Columns | None:
+        header = table.header
+        if len(header.cells) > MOST_COLUMNS:
+            message = f"expected at most {MOST_COLUMNS} columns, got {len(header.cells)}"
+            self._fault(source, header.number, message)
+            return None
+        rows = [line.cells for line in table.lines]
+        wanted = [Wanted(one.name, one.labels) for one in parameters]
+        try:
+            if wanted:
+                return match(header.cells, rows, wanted)
+            known = match(header.cells, rows, [])
+            free = [
+                Wanted(name)
+                for place, name in enumerate(header.cells)
+                if place not in (known.file, known.score) and not is_aside(name)
+            ]
+            return match(header.cells, rows, free)
+        except UnmatchedColumnsError as error:
+            for problem in error.problems:
+                self._fault(source, header.number, problem)
+            return None
+
+    def _value(
+        self, source: str, table: Table, line: Line, place: int, parameter: ParameterColumn
+    ) -> Value | None:
+        if not parameter.values:
+            return self._number(source, table, line, place, parameter)
+        cell = line.cells[place]
+        for value in parameter.values:
+            if _folded(value) == _folded(cell):
+                return value
+        number = table.number(place, cell)
+        plain = numbers.plain(number) if isinstance(number, Decimal) else None
+        if plain in parameter.values:
+            return plain
+        message = (
+            f"{parameter.name}: expected one of its values ({', '.join(parameter.values)}),"
+            f" got {quoted(cell)}"
+        )
+        self._fault(source, line.number, message, f"value {parameter.name}")
+        return None
+
+    def _number(
+        self, source: str, table: Table, line: Line, place: int, parameter: ParameterColumn
+    ) -> float | None:
+        cell = line.cells[place]
+        number = table.number(place, cell)
+        # A comma among points is no decimal mark for certain.
+        is_other_mark = place not in table.comma_columns and "," in cell
+        if isinstance(number, Decimal) and not is_other_mark:
+            value = float(number)
+            if math.isfinite(value):
+                if not cell.isascii() and not parameter.values:
+                    self._renamed.setdefault(cell, numbers.plain(number))
+                # Negative zero is the same candidate as zero.
+                return value + 0.0
+        hint = advice(cell, number, table, place, parameter.name)
+        message = f"{parameter.name}: expected a finite number, got {quoted(cell)}{hint.text}"
+        self._fault(source, line.number, message, f"{hint.cause} {parameter.name}")
+        return None
+
+    def _remark_on_table(
+        self,
+        source: str,
+        table: Table,
+        columns: Columns,
+        parameters: Sequence[ParameterColumn],
     ) -> None:
-        """Add a remark if numbers with a point could have been meant as thousands."""
-        if column not in header:
-            return
-        place = header.index(column)
-        cells = [line.cells[place].strip() for line in lines[1:] if len(line.cells) == len(header)]
-        cell = _maybe_thousands([cell for cell in cells if NUMBER.fullmatch(cell)])
-        if cell is not None:
-            message = f"{column}: {cell} is read as {float(cell):g}, the point as a decimal mark;"
-            message += f" write {cell.replace('.', '')} if thousands are meant"
-            self.remarks.append(Fault(source, lines[0].number, message))
+        """Say what was left aside, converted, or could have been meant otherwise."""
+        header = table.header
+
+        def say(message: str) -> None:
+            self.remarks.append(Fault(source, header.number, message))
+
+        aside = [name or "one without a name" for name in columns.aside]
+        if aside:
+            more = f" and {len(aside) - _MOST_NAMED} more" if len(aside) > _MOST_NAMED else ""
+            many = "columns are" if len(aside) > 1 else "column is"
+            say(f"the {many} left aside: {', '.join(aside[:_MOST_NAMED])}{more}")
+        if self._renamed:
+            first = next(iter(self._renamed.items()))
+            more = f", and {len(self._renamed) - 1} more so" if len(self._renamed) > 1 else ""
+            say(f"{quoted(first[0])} is read as {first[1]}{more}")
+        if self._found_elsewhere:
+            written, file = next(iter(self._found_elsewhere.items()))
+            number = len(self._found_elsewhere)
+            more = f", and {number - 1} more so" if number > 1 else ""
+            say(f"{quoted(written)} is taken for the file {file}{more}")
+        places = [*columns.parameters, *([] if columns.score is None else [columns.score])]
+        for place in places:
+            name = header.cells[place]
+            cells = [line.cells[place] for line in table.lines if place < len(line.cells)]
+            cell = None if place in table.comma_columns else _maybe_thousands(cells)
+            if cell is not None:
+                say(
+                    f"{name}: {cell} is read as {float(cell):g}, the point as a decimal mark;"
+                    f" write {cell.replace('.', '')} if thousands are meant"
+                )
+        for place, parameter in zip(columns.parameters, parameters, strict=True):
+            unit = label_and_unit(header.cells[place])[1]
+            if unit and parameter.unit and _folded(unit) != _folded(parameter.unit):
+                say(
+                    f"{parameter.name}: the table's header says {unit}, the plan says"
+                    f" {parameter.unit}"
+                )
 
     def _video(self, source: str, line: int, cell: str) -> _FoundVideo | None:
         try:
             return self._find_video(source, f"{source}:{line}", cell)
         except _NoVideoError as error:
-            self._fault(source, line, f"{FILE_COLUMN}: {error}")
+            self._fault(source, line, f"{FILE_COLUMN}: {error}", error.cause)
             return None
 
     def _find_video(self, source: str, here: str, cell: str) -> _FoundVideo:
-        problem = misplaced(cell)
-        if problem is not None:
-            raise _NoVideoError(problem)
-        path = (self.root / source).parent / cell
-        if not within(self.root, path):
-            raise _NoVideoError(f"expected a file inside the study folder, got the link {cell!r}")
+        base = (self.root / self.sources[source]).parent
+        try:
+            path = self._files.find(base, cell)
+        except NoFileError as error:
+            raise _NoVideoError(str(error), error.cause) from None
+        if path != base / cell:
+            self._found_elsewhere.setdefault(cell, path.relative_to(self.root).as_posix())
+        self.named.add(path.relative_to(self.root).as_posix())
         first = self._rows_by_path.setdefault(path.resolve(), here)
         if first != here:
-            raise _NoVideoError(f"expected each file once, got {cell!r} again (first in {first})")
-        if not is_file(path):
-            raise _NoVideoError(f"expected a video, there is no file {cell!r}")
+            message = f"expected each file once, got {quoted(cell)} again (first in {first})"
+            raise _NoVideoError(message, "file again")
         try:
             sha256 = _sha256(path)
             first = self._rows_by_content.setdefault(sha256, here)
             if first != here:
-                came = f"got {cell!r} with the same content as the one in {first}"
-                raise _NoVideoError(f"expected each video once, {came}")
+                came = f"got {quoted(cell)} with the same content as the one in {first}"
+                raise _NoVideoError(f"expected each video once, {came}", "content again")
             video = probe(self.decoder, path, sha256)
         except (UnreadableVideoError, OSError) as error:
             raise _NoVideoError(
-                f"expected a video that can be played, got {cell!r}: {error}"
+                f"expected a video that can be played, got {quoted(cell)}: {error}", str(error)
             ) from error
         if video.hindrance is not None:
             raise _NoVideoError(
-                f"expected {PLAYABLE}, got {cell!r}: {video.hindrance} (it can be transcoded)"
+                f"expected {PLAYABLE}, got {quoted(cell)}: {video.hindrance}"
+                " (it can be transcoded)",
+                f"transcode {video.hindrance}",
             )
         self.remarks.extend(
-            Fault(source, int(here.rpartition(":")[2]), f"{cell}: {remark}")
+            Fault(source, int(here.rpartition(":")[2]), f"{cell}: {remark}", remark)
             for remark in video.remarks
         )
         return _FoundVideo(path.relative_to(self.root).as_posix(), sha256, video.duration_s)
 
-    def _fault(self, source: str, line: int | None, message: str) -> None:
-        self.faults.append(Fault(source, line, message))
-
-
-def _meant(cell: str) -> str:
-    """Advice for a cell that is no number with a decimal point."""
-    number = numbers.read(cell)
-    if isinstance(number, Doubtful):
-        return f" (write {numbers.said(number)}, whichever is meant)"
-    return "" if number is None else f" (write {numbers.plain(number)}, with a decimal point)"
+    def _fault(self, source: str, line: int | None, message: str, cause: str = "") -> None:
+        self.faults.append(Fault(source, line, message, cause))
 
 
 def _maybe_thousands(cells: Sequence[str]) -> str | None:
@@ -261,14 +362,18 @@ def _maybe_thousands(cells: Sequence[str]) -> str | None:
 
     A column such as 1.250, 2.500 could be thousands; one with 0.5 or 1.25 in it could not.
     """
-    doubtful = [cell for cell in cells if isinstance(numbers.read(cell), Doubtful)]
-    others = [cell for cell in cells if "." in cell and cell not in doubtful]
-    return doubtful[0] if doubtful and not others else None
+    pointed = [cell for cell in cells if "." in cell and numbers.read_with_point(cell) is not None]
+    doubtful = [cell for cell in pointed if isinstance(numbers.read(cell), Doubtful)]
+    return doubtful[0] if doubtful and len(doubtful) == len(pointed) else None
 
 
-def candidates_of(rows: Sequence[RecordingRow], environment: str) -> tuple[tuple[float, ...], ...]:
+def candidates_of(rows: Sequence[RecordingRow], environment: str) -> tuple[tuple[Value, ...], ...]:
     """The distinct candidates of an environment, in the order of their first row."""
     return tuple(dict.fromkeys(row.candidate for row in rows if row.environment == environment))
+
+
+def _folded(text: str) -> str:
+    return unicodedata.normalize("NFKC", text).casefold().strip()
 
 
 def _sha256(path: Path) -> str:

@@ -18,6 +18,11 @@ def shortened(text: str, most: int = LONGEST_MESSAGE) -> str:
     return f"{beginning}… ({len(text):,} characters)"
 
 
+def quoted(text: str) -> str:
+    """The text in quotes; escaped, as in Python, only if it has letters that cannot be seen."""
+    return f"'{text}'" if text.isprintable() and "'" not in text else repr(text)
+
+
 def _size(text: str) -> int:
     """How many bytes the text takes in JSON, where a control character takes six."""
     return len(json.dumps(text, ensure_ascii=False).encode("utf-8", "replace")) - 2

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
@@ -11,8 +9,10 @@ from pathlib import Path
 from app.video.decoder_client import Decoder
 from app.video.video_info import UnreadableVideoError
 
-from .files import is_file, misplaced, read_text, within
-from .recordings import FILE_COLUMN
+from .file_lookup import FileLookup, NoFileError
+from .files import is_file
+from .table_headers import UnmatchedColumnsError, match
+from .tables import TABLE_ENDINGS, Table, read_table, written
 from .validation_errors import UnreadableFileError
 
 #: Callback with the seconds done and the seconds in total.
@@ -23,17 +23,17 @@ def transcode_folder(folder: Path, report: Report, *, keep: bool) -> list[str]:
     """Transcode every video listed in the folder's tables that some browser cannot play.
 
     The tables are rewritten with the new names. keep: keep the old files. Returns the new names.
+    Raises UnreadableVideoError, also for an Excel workbook, which holds more than its values.
     """
     with Decoder() as decoder:
         found = list(_unplayable(folder, decoder))
         total = max(1, round(sum(seconds for *_, seconds in found)))
         done = 0.0
         names: list[str] = []
-        for table, cell, seconds in found:
-            source = table.parent / cell
+        for table, cell, source, seconds in found:
             target = _free_name(source)
             _transcode(decoder, source, target, partial(_at, report, done, total))
-            new_cell = Path(cell).with_name(target.name).as_posix()
+            new_cell = _cell(table, target, folder)
             _rename_in(folder, table, cell, new_cell)
             if not keep:
                 source.unlink()
@@ -54,23 +54,36 @@ def _at(report: Report, before: float, total: int, now: float) -> None:
     report(min(total, round(before + now)), total)
 
 
-def _unplayable(folder: Path, decoder: Decoder) -> Iterator[tuple[Path, str, float]]:
-    """The tables' videos that some browser cannot play: table, cell, seconds."""
-    for table in sorted(folder.rglob("*.csv")):
-        try:
-            rows = list(csv.DictReader(io.StringIO(read_text(folder, table), newline="")))
-        except (UnreadableFileError, csv.Error):
+def _unplayable(folder: Path, decoder: Decoder) -> Iterator[tuple[Path, str, Path, float]]:
+    """The tables' videos that some browser cannot play: table, cell, video, seconds."""
+    lookup = FileLookup(folder)
+    for table in sorted(folder.rglob("*")):
+        if table.suffix.lower() not in TABLE_ENDINGS or not is_file(table):
             continue
-        for cell in dict.fromkeys((row.get(FILE_COLUMN) or "").strip() for row in rows):
-            path = table.parent / cell
-            if misplaced(cell) is not None or not is_file(path) or not within(folder, path):
-                continue
+        try:
+            read, column = _file_column(folder, table)
+        except (UnreadableFileError, UnmatchedColumnsError):
+            continue
+        cells = (line.cells[column] for line in read.lines if column < len(line.cells))
+        for cell in dict.fromkeys(cells):
             try:
+                path = lookup.find(table.parent, cell)
                 video = decoder.probe(path)
-            except UnreadableVideoError:
+            except (NoFileError, UnreadableVideoError):
                 continue
             if video.hindrance is not None:
-                yield table, cell, video.duration_s
+                if read.is_workbook:
+                    raise UnreadableVideoError(
+                        "expected a CSV, to write the names of transcoded videos into, got"
+                        f" {table.name}: save it as CSV UTF-8"
+                    )
+                yield table, cell, path, video.duration_s
+
+
+def _file_column(folder: Path, path: Path) -> tuple[Table, int]:
+    """The table, and its column of files. Raises UnreadableFileError, UnmatchedColumnsError."""
+    table = read_table(folder, path, FileLookup(folder).names)
+    return table, match(table.header.cells, [line.cells for line in table.lines], []).file
 
 
 def _free_name(source: Path) -> Path:
@@ -83,16 +96,19 @@ def _free_name(source: Path) -> Path:
     raise UnreadableVideoError(f"expected a free name beside {source.name}, got none")
 
 
-def _rename_in(folder: Path, table: Path, old: str, new: str) -> None:
-    text = read_text(folder, table)
-    rows = list(csv.reader(io.StringIO(text, newline="")))
-    header = [name.strip() for name in rows[0]]
-    column = header.index(FILE_COLUMN)
-    for row in rows[1:]:
-        if len(row) > column and row[column].strip() == old:
+def _cell(table: Path, target: Path, folder: Path) -> str:
+    """The path of a new file as the table names it: from its own folder, or from the study's."""
+    base = table.parent if target.is_relative_to(table.parent) else folder
+    return target.relative_to(base).as_posix()
+
+
+def _rename_in(folder: Path, path: Path, old: str, new: str) -> None:
+    """Write the table with another name of a file; dialect and encoding stay."""
+    table, column = _file_column(folder, path)
+    rows = [list(line.cells) for line in table.lines]
+    for row in rows:
+        if len(row) > column and row[column] == old:
             row[column] = new
-    written = io.StringIO()
-    csv.writer(written, lineterminator="\n").writerows(rows)
-    part = table.with_name(f".{table.name}.part")
-    part.write_text(written.getvalue(), encoding="utf-8")
-    part.replace(table)
+    part = path.with_name(f".{path.name}.part")
+    part.write_bytes(written(table, [table.header.cells, *rows]))
+    part.replace(path)

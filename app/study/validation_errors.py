@@ -30,12 +30,14 @@ class FaultParts:
 class Fault:
     """What is wrong, and where: `file` is relative to the study folder, `line` counts from 1.
 
-    `line` is None where the fault is not in one line (a file that is missing or empty).
+    `line` is None where the fault is not in one line (a file that is missing or empty). `cause` is
+    equal for faults of a file that have one cause, such as every number with a comma in a column.
     """
 
     file: str
     line: int | None
     message: str
+    cause: str = ""
 
     def __post_init__(self) -> None:
         if len(self.message) > LONGEST_MESSAGE:
@@ -60,13 +62,60 @@ class Fault:
         return f"{place}: {self.message}"
 
 
+#: Faults of one cause that are named one by one; of the others their number is given.
+NAMED_OF_A_CAUSE = 3
+
+
+@dataclass(frozen=True)
+class FaultGroup:
+    """The faults of a file that have one cause: the first few, and the lines of the others."""
+
+    shown: tuple[Fault, ...]
+    lines: tuple[int, ...] = ()
+
+    @property
+    def more(self) -> str:
+        """A sentence on the faults that are not shown; empty if all are."""
+        if not self.lines:
+            return ""
+        if len(self.lines) == 1:
+            return f"and 1 more of this kind, in line {self.lines[0]}"
+        first, last = self.lines[0], self.lines[-1]
+        return f"and {len(self.lines):,} more of this kind, in lines {first} to {last}"
+
+
+def grouped(faults: Sequence[Fault]) -> list[FaultGroup]:
+    """The faults by file and cause, in the order of the first of each."""
+    found: dict[tuple[str, str], list[Fault]] = {}
+    for place, fault in enumerate(faults):
+        cause = fault.cause or f"{place} {fault.message}"
+        found.setdefault((fault.file, cause), []).append(fault)
+    return [
+        FaultGroup(
+            tuple(group[:NAMED_OF_A_CAUSE]),
+            tuple(fault.line or 1 for fault in group[NAMED_OF_A_CAUSE:]),
+        )
+        for group in found.values()
+    ]
+
+
+def in_lines(faults: Sequence[Fault]) -> list[str]:
+    """The faults as text, a line each, grouped by cause."""
+    lines: list[str] = []
+    for group in grouped(faults):
+        lines.extend(map(str, group.shown))
+        if group.more:
+            lines.append(f"{group.shown[0].file}: {group.more}")
+    return lines
+
+
 class StudyFaults(Exception):  # noqa: N818 - it is its faults, one or more
-    """A study folder with faults; the message has one line per fault."""
+    """A study folder with faults; the message has a line for each, or for many of one cause."""
 
     def __init__(self, faults: Sequence[Fault]) -> None:
         # A file can hold one value of a million characters: a fault repeats the beginning of it.
         self.faults = tuple(replace(fault, message=shortened(fault.message)) for fault in faults)
-        super().__init__("\n".join(str(fault) for fault in self.faults))
+        super().__init__("\n".join(in_lines(self.faults)))
 
 
 class UnreadableFileError(Exception):

@@ -9,7 +9,7 @@ from __future__ import annotations
 import io
 import shutil
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path, PurePosixPath
 
@@ -31,21 +31,24 @@ from app.services.runtime.errors import (
 from app.services.runtime.ids import new_public_id
 from app.services.studies import access, folder_export, repository, slugs
 from app.storage.models.records import StudyDraft
-from app.study.files import read_text
+from app.study.file_lookup import FileLookup
+from app.study.files import read_bytes, read_text
 from app.study.folder import StudyFolder
 from app.study.plan_source import STUDY_FILE
 from app.study.recordings import PLAYABLE
+from app.study.table_encoding import decode
+from app.study.tables import TABLE_ENDINGS
 from app.study.text_diff import text_hash
-from app.study.validation_errors import Fault, StudyFaults, UnreadableFileError
+from app.study.validation_errors import Fault, UnreadableFileError, grouped
 
 from . import files as draft_files
 from . import slugs as draft_slugs
-from . import transcode_job, uploads
+from . import table_intake, transcode_job, uploads
 from .files import Sent
 from .uploads import UploadRefusedError
 
 #: Endings of files that can be edited on a page.
-TEXT_ENDINGS = (".yaml", ".csv", ".md", ".txt")
+TEXT_ENDINGS = (".yaml", ".csv", ".tsv", ".md", ".txt")
 #: Characters of a text file; no plan or consent is longer.
 LONGEST_TEXT = 1_000_000
 #: Characters of a draft's name.
@@ -73,10 +76,19 @@ class DraftFile:
 
 @dataclass(frozen=True)
 class Checked:
-    """The result of a check: the study, or the faults by file."""
+    """The result of a check: the study, or the faults by file.
+
+    remarks: how tables were understood, and what is worth knowing of videos. unused: files that
+    nothing names. stored: by table, how it was converted when it was stored. can_take_parameters:
+    whether the plan's parameters are others than those of its table.
+    """
 
     study: StudyFolder | None
     faults: Mapping[str, Sequence[Fault]]
+    remarks: Sequence[Fault] = ()
+    unused: Sequence[str] = ()
+    stored: Mapping[str, str] = field(default_factory=dict)
+    can_take_parameters: bool = False
 
     @property
     def can_be_transcoded(self) -> int:
@@ -88,8 +100,8 @@ class Checked:
 
     @property
     def number(self) -> int:
-        """The number of faults."""
-        return sum(map(len, self.faults.values()))
+        """The number of faults; those of one cause count once."""
+        return sum(len(grouped(faults)) for faults in self.faults.values())
 
 
 def begin(app: AppContext, caller: Principal, name: str, sent: Sequence[Sent] = ()) -> Draft:
@@ -106,14 +118,14 @@ def begin(app: AppContext, caller: Principal, name: str, sent: Sequence[Sent] = 
     draft = Draft(public_id, name, folder_of(app, public_id), app.now())
     draft.folder.mkdir(parents=True, mode=0o700)
     try:
-        draft_files.store(draft.folder, sent, _limit(app, caller, draft))
+        names = draft_files.store(draft.folder, sent, _limit(app, caller, draft))
+        table_intake.take(draft.folder, names)
         if not (draft.folder / STUDY_FILE).is_file():
             draft_files.add_scaffold(
                 draft.folder,
                 name,
                 draft_slugs.of_title(app, name, (one.folder for one in list_drafts(app, caller))),
             )
-        draft_files.place_files(draft.folder)
         _keep_row(app, caller, draft, "draft begun")
     except BaseException:
         shutil.rmtree(draft.folder, ignore_errors=True)
@@ -181,7 +193,7 @@ def find(app: AppContext, caller: Principal, public_id: str, *, whole: bool = Tr
 
 
 def files(draft: Draft) -> list[DraftFile]:
-    """The files of a draft by name, texts first, without the hidden origin file."""
+    """The files of a draft by name, texts first, without hidden ones."""
     found = [
         DraftFile(
             path.relative_to(draft.folder).as_posix(),
@@ -189,7 +201,7 @@ def files(draft: Draft) -> list[DraftFile]:
             path.suffix.lower() in TEXT_ENDINGS,
         )
         for path in sorted(draft.folder.rglob("*"))
-        if path.is_file() and path.name != draft_slugs.ORIGIN
+        if path.is_file() and not path.name.startswith(".")
     ]
     return sorted(found, key=lambda file: (not file.is_text, file.name != STUDY_FILE, file.name))
 
@@ -228,7 +240,7 @@ def add(app: AppContext, caller: Principal, draft: Draft, sent: Sequence[Sent]) 
         raise UploadRefusedError(["Expected a file, got none."])
     disk_quota.require(app.settings, draft.folder)
     names = draft_files.store(draft.folder, sent, _limit(app, caller, draft))
-    draft_files.place_files(draft.folder)
+    table_intake.take(draft.folder, names)
     _changed(app, draft)
     return names
 
@@ -244,6 +256,16 @@ def text_of(draft: Draft, name: str) -> str:
     path = _text_path(draft, name)
     try:
         return read_text(draft.folder, path) if path.exists() else ""
+    except UnreadableFileError as error:
+        if path.suffix.lower() in TABLE_ENDINGS:
+            return _decoded(draft, name, path)
+        raise UploadRefusedError([f"{name}: {error}."]) from None
+
+
+def _decoded(draft: Draft, name: str, path: Path) -> str:
+    """The text of a table in another encoding."""
+    try:
+        return decode(read_bytes(draft.folder, path), FileLookup(draft.folder).names).text
     except UnreadableFileError as error:
         raise UploadRefusedError([f"{name}: {error}."]) from None
 
@@ -268,21 +290,40 @@ def write_text(
                     f"expected {name} as it was when this page was opened, and it was changed"
                 )
         uploads.write_file(io.BytesIO(written.encode("utf-8", "replace")), path, LONGEST_TEXT)
+        if path.suffix.lower() in TABLE_ENDINGS:
+            table_intake.take(draft.folder, [path.relative_to(draft.folder).as_posix()])
+
+
+def take_parameters(app: AppContext, draft: Draft) -> None:
+    """Write the parameters of the draft's table into its plan.
+
+    Raises UploadRefusedError if there is no such table, or if the plan cannot be edited.
+    """
+    if not table_intake.follow(draft.folder, is_asked=True):
+        raise UploadRefusedError(
+            [f"Expected a table with parameters, and a {STUDY_FILE} that can be read."]
+        )
+    _changed(app, draft)
 
 
 def check(app: AppContext, draft: Draft) -> Checked:
     """Validate a draft, including whether its slug is free."""
-    try:
-        study = repository.load_folder(str(draft.folder))
-        taken = draft_slugs.fault(app, draft.folder, study.plan.slug)
-        if taken is not None:
-            return Checked(None, {STUDY_FILE: [taken]})
-        return Checked(study, {})
-    except StudyFaults as error:
-        faults: dict[str, list[Fault]] = {}
-        for fault in error.faults:
-            faults.setdefault(fault.file, []).append(fault)
-        return Checked(None, faults)
+    found = repository.examine_folder(str(draft.folder))
+    faults: dict[str, list[Fault]] = {}
+    for fault in found.faults:
+        faults.setdefault(fault.file, []).append(fault)
+    study = found.study
+    taken = draft_slugs.fault(app, draft.folder, study.plan.slug) if study else None
+    if taken is not None:
+        study, faults = None, {STUDY_FILE: [taken]}
+    return Checked(
+        study,
+        faults,
+        found.remarks,
+        found.unused,
+        table_intake.notes(draft.folder),
+        table_intake.differs(draft.folder, found.data),
+    )
 
 
 def replaces(app: AppContext, draft: Draft, slug: str) -> bool:

@@ -2,25 +2,24 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import IO
 
 from app.study import draft_plan
-from app.study.files import misplaced, read_text
 from app.study.folder import TEXT_NAMES, WELCOME
 from app.study.plan_source import STUDY_FILE
-from app.study.recordings import FILE_COLUMN
-from app.study.validation_errors import UnreadableFileError
+from app.study.table_headers import VIDEO_ENDINGS
+from app.study.table_parameters import entries_of
+from app.study.yaml_source import read_yaml
 
-from . import uploads
-from .upload_names import name_conflicts, name_fault
+from . import table_intake, uploads
+from .upload_names import name_conflicts
 from .uploads import UploadRefusedError
 
-VIDEO_ENDINGS = (".mp4", ".m4v", ".mov", ".webm", ".ogv", ".ogg", ".avi", ".mkv", ".mpg", ".mpeg")
+#: The name of a draft's table.
+TABLE = "recordings.csv"
 
 
 @dataclass(frozen=True)
@@ -64,47 +63,16 @@ def store(folder: Path, sent: Sequence[Sent], limit: int) -> list[str]:
 
 
 def add_scaffold(folder: Path, title: str, slug: str) -> None:
-    """Write what a study folder needs and this one lacks: a plan for its CSV, and example texts."""
-    tables = sorted(path for path in folder.glob("*.csv"))
-    parameters: list[str] = []
-    if tables:
-        try:
-            parameters = draft_plan.parameters_of(read_text(folder, tables[0]))
-        except (UnreadableFileError, csv.Error):
-            # Left to the check, which reports the fault with its line.
-            parameters = []
-    source = tables[0].name if tables else "recordings.csv"
-    written = {STUDY_FILE: draft_plan.begin_plan(title, source, parameters, slug)}
-    for place, text in {**draft_plan.example_texts(), **written}.items():
+    """Write what a study folder needs and this one lacks: a plan for its table, and texts."""
+    table_intake.take(folder, [path.name for path in folder.iterdir() if path.is_file()])
+    source, parameters = table_intake.parameters_in(folder) or (TABLE, [])
+    plan = draft_plan.begin_plan(title, source, parameters, slug)
+    for place, text in {**draft_plan.example_texts(), STUDY_FILE: plan}.items():
         path = folder / place
         if not path.exists():
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_text(text, encoding="utf-8")
-
-
-def place_files(folder: Path) -> None:
-    """Move each video that was uploaded without its folder to the path given in the CSV."""
-    for table in folder.glob("*.csv"):
-        try:
-            rows = csv.DictReader(io.StringIO(read_text(folder, table)))
-            named = [(row.get(FILE_COLUMN) or "").strip() for row in rows]
-        except (UnreadableFileError, csv.Error):
-            continue
-        for name in named:
-            if (
-                misplaced(name) is not None
-                or name_fault(name) is not None
-                or name_conflicts([name], folder)
-            ):
-                # Left to the check, which reports the fault.
-                continue
-            target = folder / name
-            if target.exists():
-                continue
-            found = _files_named(folder, PurePosixPath(name).name)
-            if len(found) == 1 and found[0].relative_to(folder).as_posix() not in named:
-                target.parent.mkdir(parents=True, exist_ok=True)
-                found[0].replace(target)
+    table_intake.remember(folder, source, entries_of(read_yaml(plan).data))
 
 
 def is_zip(one: Sent) -> bool:

@@ -15,7 +15,7 @@ from app.storage.models.studies import Candidate, Recording
 from app.study.plan import Plan
 from app.study.plan_source import STUDY_FILE
 from app.study.plan_to_yaml import plan_text
-from app.study.recordings import FILE_COLUMN, SCORE_COLUMN
+from app.study.table_headers import FILE_COLUMN, SCORE_COLUMN
 
 from . import repository
 
@@ -43,6 +43,9 @@ def _write_table(
     app: AppContext, study_id: int, plan: Plan, environment: str, folder: Path
 ) -> None:
     source = PurePosixPath(plan.environments[environment].source)
+    if source.suffix.lower() != ".csv":
+        # Where a plan names an Excel file, a CSV of the same name is read in its place.
+        source = source.with_suffix(".csv")
     names = [parameter.name for parameter in plan.parameters]
     table = folder / source
     table.parent.mkdir(parents=True, exist_ok=True)
@@ -56,9 +59,15 @@ def _write_table(
                     f"expected the video {recording.file!r} among the studio's, it is missing"
                 )
             score = "" if recording.score is None else repr(recording.score)
-            cell = PurePosixPath(recording.file).relative_to(source.parent)
-            point = [repr(candidate.parameters[name]) for name in names]
+            cell = PurePosixPath(recording.file)
+            if cell.is_relative_to(source.parent):
+                cell = cell.relative_to(source.parent)
+            point = [_cell(candidate.parameters[name]) for name in names]
             writer.writerow([*point, cell.as_posix(), score])
+
+
+def _cell(value: float | str) -> str:
+    return value if isinstance(value, str) else repr(value)
 
 
 def _recordings(

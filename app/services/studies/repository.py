@@ -27,6 +27,8 @@ from app.storage.models.studies import Candidate, PlanVersion, Recording, Sessio
 from app.study import assignment
 from app.study import folder as study_folder
 from app.study.plan import Plan, plan_hash
+from app.study.recordings import Value
+from app.study.validation_errors import StudyFaults
 
 from . import orphaned_videos, slugs
 
@@ -86,7 +88,15 @@ def load_folder(name_or_path: str) -> study_folder.StudyFolder:
 
     Raises StudyFaults with all validation errors.
     """
-    return study_folder.load(
+    found = examine_folder(name_or_path)
+    if found.study is None:
+        raise StudyFaults(found.faults)
+    return found.study
+
+
+def examine_folder(name_or_path: str) -> study_folder.Examination:
+    """Check a study's folder, or a shipped study by its name."""
+    return study_folder.examine(
         study_folder.resolve(name_or_path),
         settings_check=settings_fault,
         crane_candidates=lambda _: crane_environments.candidates().tolist(),
@@ -390,7 +400,7 @@ def _file_candidates(
     folder: study_folder.StudyFolder, locators: Mapping[str, str], environment: str
 ) -> Iterator[_CandidateRows]:
     names = [parameter.name for parameter in folder.plan.parameters]
-    found: dict[tuple[float, ...], _CandidateRows] = {}
+    found: dict[tuple[Value, ...], _CandidateRows] = {}
     for row in folder.recordings:
         if row.environment != environment:
             continue

@@ -26,7 +26,7 @@ from app.services.runtime.errors import (
 )
 from app.services.studies import access
 from app.study.text_diff import difference, text_hash
-from app.study.validation_errors import StudyFaults
+from app.study.validation_errors import StudyFaults, grouped, in_lines
 from app.web.http.security import AppDep
 
 from .page_context import OwnForm, SignedIn, experimenter_page
@@ -142,6 +142,17 @@ def create(public_id: str, request: Request, app: AppDep, caller: SignedIn) -> R
     return RedirectResponse(f"/studies/{info.slug}", status_code=303)
 
 
+@router.post("/drafts/{public_id}/parameters", dependencies=[OwnForm])
+def take_parameters(public_id: str, request: Request, app: AppDep, caller: SignedIn) -> Response:
+    """Write the parameters of the table into the plan."""
+    draft = drafts.find(app, caller, public_id)
+    try:
+        drafts.take_parameters(app, draft)
+    except UploadRefusedError as error:
+        return _draft_page(request, caller, draft, app, error.faults)
+    return _to(draft)
+
+
 @router.post("/drafts/{public_id}/transcode", dependencies=[OwnForm])
 def transcode(public_id: str, app: AppDep, caller: SignedIn) -> Response:
     """Start a job that transcodes the videos some browsers cannot play."""
@@ -179,6 +190,7 @@ def _text_page(
         base=text_hash(stored),
         lines=() if typed is None else difference(stored, typed),
         faults=drafts.check(app, draft).faults.get(file, ()),
+        grouped=grouped,
     )
 
 
@@ -247,6 +259,8 @@ def _draft_page(
         checked=checked,
         files=files,
         present=present,
+        grouped=grouped,
+        in_lines=in_lines,
         refused=refused,
         limit_mb=app.settings.upload_limit_mb,
         most_files=MOST_FILES,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from app.study.recordings import MOST_COLUMNS, MOST_FAULTS, RecordingsReader
+from app.study.recordings import MOST_COLUMNS, MOST_FAULTS, ParameterColumn, RecordingsReader
 from app.study.validation_errors import Fault
 from app.video.decoder_client import Decoder
 
@@ -13,7 +13,7 @@ def faults(folder: Path, table: str) -> list[Fault]:
     (folder / "recordings.csv").write_text(table)
     with Decoder() as decoder:
         reader = RecordingsReader(folder, decoder)
-        reader.read("kitchen", "recordings.csv", ["speed"])
+        reader.read("kitchen", "recordings.csv", [ParameterColumn("speed")])
     return reader.faults
 
 

@@ -147,7 +147,7 @@ def test_the_broken_file_is_named_for_what_it_is() -> None:
 
 
 def test_a_begun_plan_is_the_example_under_its_own_names() -> None:
-    text = begin_plan("Pouring water!", "runs.csv", ["speed", "angle"])
+    text = begin_plan("Pouring water!", "runs.csv", [{"name": "speed"}, {"name": "angle"}])
     plan = read_plan(text).plan
     assert plan is not None
     assert (plan.slug, plan.title) == ("pouring-water", "Pouring water!")

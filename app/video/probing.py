@@ -9,6 +9,7 @@ import av
 from av.container import InputContainer
 from av.video.stream import VideoStream
 
+from .colours import HDR_TRANSFERS, is_monochrome
 from .limits import threads
 from .video_info import VIDEO_FORMATS, UnreadableVideoError, Video
 
@@ -43,7 +44,8 @@ def probe(path: Path) -> Video:
             video = Video(
                 duration_s=duration_s,
                 codec=stream.codec_context.name.removeprefix("lib").replace("dav1d", "av1"),
-                pixel_format=first.format.name,
+                pixel_format=_pixel_format(first, stream),
+                is_hdr=first.color_trc in HDR_TRANSFERS,
                 container=container_of(container, path),
                 width=first.width,
                 height=first.height,
@@ -66,6 +68,10 @@ def probe(path: Path) -> Video:
             f"it says that it lasts {duration_s:.1f} s and ends after {end_s:.1f} s: it is cut off"
         )
     return video
+
+
+def _pixel_format(first: av.VideoFrame, stream: VideoStream) -> str:
+    return "gray" if is_monochrome(stream.codec_context) else first.format.name
 
 
 def _require_limits(stream: VideoStream, stated_s: float | None) -> None:

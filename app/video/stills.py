@@ -8,6 +8,7 @@ from pathlib import Path
 import av
 from PIL import Image
 
+from .upright import UprightPictures
 from .video_info import VIDEO_FORMATS, UnreadableVideoError
 
 #: Longest side, in pixels.
@@ -30,7 +31,8 @@ def still(path: Path) -> bytes:
                     break
             if shown is None:
                 raise UnreadableVideoError("it has no frame")
-            picture: Image.Image = shown.to_image()  # type: ignore[no-untyped-call]
+            upright = UprightPictures(shown, stream, _SIZE_PX).convert(shown)
+            picture: Image.Image = upright.to_image()  # type: ignore[no-untyped-call]
     except MemoryError:
         raise
     except (av.FFmpegError, OSError, ValueError, IndexError) as error:

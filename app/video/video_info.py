@@ -43,10 +43,18 @@ class Video:
     height: int = 0
     has_audio: bool = False
     starts_fast: bool = True
+    is_hdr: bool = False
 
     @property
     def hindrance(self) -> str | None:
-        """What keeps some browser from playing it; None where every one plays it."""
+        """What keeps some browser from playing it as it is; None where every one does."""
+        if self.is_hdr:
+            form = self._unplayed_form or f"{self.codec} in {self.container}"
+            return f"{form}, with a high dynamic range (HDR), which browsers show differently"
+        return self._unplayed_form
+
+    @property
+    def _unplayed_form(self) -> str | None:
         codecs = _PLAYED.get(self.container)
         if codecs is None:
             return f"a file of the form {self.container}"

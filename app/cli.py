@@ -326,9 +326,7 @@ def simulate(
         if progress.live.is_started:
             progress.stop()
     out.print(f"{done.completed} simulated sessions of {slug} were completed.")
-    out.print(f"They skipped, where they could, when both scores lay below {done.skip_below:.4g}.")
-    if done.eta is not None:
-        out.print(f"Their choices had a steepness (eta) of {done.eta:.4g} per unit of score.")
+    out.print(done.in_words())
 
 
 @media_app.command("render")

@@ -7,6 +7,7 @@ from collections.abc import Callable, Hashable, Mapping
 from concurrent.futures import Future
 from dataclasses import dataclass
 from datetime import datetime, timedelta
+from functools import partial
 from pathlib import PurePosixPath
 from typing import Any, TypeVar
 
@@ -14,7 +15,7 @@ import httpx
 import numpy as np
 from sqlalchemy import select
 
-from app.lab.evaluators import Certain, Evaluator, Uncertain
+from app.lab.evaluators import Certain, Evaluator, SkipsEqual, Uncertain
 from app.lab.session_bot import walk
 from app.services.accounts.accounts import Principal, Role
 from app.services.background.job_function import JobHandler, ProgressCallback
@@ -23,9 +24,17 @@ from app.services.bootstrap import open_app
 from app.services.context import AppContext, utc_now
 from app.services.runtime.errors import ConflictError
 from app.services.runtime.settings import Settings
+from app.services.sessions import simulated_evaluators
 from app.services.studies import repository, simulation_results
 from app.storage.database import Database
-from app.storage.models.studies import Candidate, Recording, SessionRow, Study
+from app.storage.models.studies import (
+    Candidate,
+    QueryRow,
+    Recording,
+    SessionRow,
+    Study,
+    Trial,
+)
 from app.web.http.security import optional_experimenter
 
 from .main import create_app
@@ -34,6 +43,11 @@ T = TypeVar("T")
 
 #: Steepness of the published evaluator (0.08) times the spread of the published scores (23.4).
 ETA_PER_SPREAD = 0.08 * 23.4
+#: Two videos are hard to tell apart within this share of the scores' spread: 6 g at the crane,
+#: the middle of the five people of app.lab.people.
+EQUAL_WITHIN_SPREAD = 6.0 / 23.4
+#: The method whose skip button says that a choice is hard.
+SKIPS_MEAN_EQUAL = "pbpo-no-synthesis"
 
 #: Nobody takes longer: simulated sessions begin so long before now.
 LONGEST_SESSION = timedelta(hours=6)
@@ -80,7 +94,19 @@ class Simulated:
 
     completed: int
     skip_below: float
+    equal_within: float
     eta: float | None
+
+    def in_words(self) -> str:
+        """Sentences on how the evaluators decided."""
+        said = (
+            f"They skipped, where they could, when both scores lay below {self.skip_below:.4g};"
+            f" under {SKIPS_MEAN_EQUAL}, when the two differed by less than"
+            f" {self.equal_within:.4g}."
+        )
+        if self.eta is not None:
+            said += f" Their choices had a steepness (eta) of {self.eta:.4g} per unit of score."
+        return said
 
 
 def simulate_job(settings: Settings, request: Mapping[str, Any], report: ProgressCallback) -> str:
@@ -100,13 +126,7 @@ def simulate_job(settings: Settings, request: Mapping[str, Any], report: Progres
         report=report,
         first=first,
     )
-    said = [
-        f"{first + done.completed} simulated sessions were completed.",
-        f"They skipped, where they could, when both scores lay below {done.skip_below:.4g}.",
-    ]
-    if done.eta is not None:
-        said.append(f"Their choices had a steepness of {done.eta:.4g} per unit of score.")
-    return " ".join(said)
+    return f"{first + done.completed} simulated sessions were completed. {done.in_words()}"
 
 
 #: Kinds of job that walk through the application itself, which services may not import.
@@ -171,8 +191,12 @@ async def _run(
 ) -> Simulated:
     scores = _scores(app, slug)
     values = np.array(list(scores.values()))
-    skip_below = float(values.mean())
-    eta = ETA_PER_SPREAD / max(float(values.std()), 1e-12) if eta is None else eta
+    spread = float(values.std())
+    skip_below, equal_within = float(values.mean()), EQUAL_WITHIN_SPREAD * spread
+    eta = ETA_PER_SPREAD / max(spread, 1e-12) if eta is None else eta
+    settings: dict[str, Any] = {"skip_below": skip_below, "equal_within": equal_within}
+    if kind == "uncertain":
+        settings["eta"] = eta
 
     def score_of(url: str) -> float:
         shown = app.addresses.opened(PurePosixPath(url).stem)
@@ -187,15 +211,44 @@ async def _run(
         for index in indices:
             clock.begin_again()
             rng = np.random.default_rng([seed, index])
-            evaluator: Evaluator = (
+            usual: Evaluator = (
                 Certain(skip_below) if kind == "certain" else Uncertain(rng, skip_below, eta)
             )
+            evaluator = {"kind": kind, "seed": seed, "index": index, **settings}
             state = await walk(
-                client, slug, evaluator, score_of, mode="simulated", api_token="", wait=clock.wait
+                client,
+                slug,
+                _by_method(app, usual, SkipsEqual(usual, equal_within)),
+                score_of,
+                mode="simulated",
+                api_token="",
+                wait=clock.wait,
+                began=partial(_began, app, evaluator),
             )
             completed += state["stage"] == "completed"
             report(index + 1, indices.stop)
-    return Simulated(completed, skip_below, eta if kind == "uncertain" else None)
+    return Simulated(completed, skip_below, equal_within, settings.get("eta"))
+
+
+def _began(app: AppContext, evaluator: Mapping[str, Any], token: str) -> None:
+    simulated_evaluators.record(app, token, evaluator)
+
+
+def _by_method(
+    app: AppContext, usual: Evaluator, where_hard: Evaluator
+) -> Callable[[str], Evaluator]:
+    """Who answers a query: `where_hard` under the method whose skip says that a choice is hard."""
+
+    def evaluator_of(query_id: str) -> Evaluator:
+        with app.database.read() as db:
+            method = db.scalar(
+                select(Trial.method)
+                .join(QueryRow, QueryRow.trial_id == Trial.id)
+                .where(QueryRow.public_id == query_id)
+            )
+        return where_hard if method == SKIPS_MEAN_EQUAL else usual
+
+    return evaluator_of
 
 
 def _scores(app: AppContext, slug: str) -> dict[int, float]:

@@ -17,6 +17,8 @@ from .theme import INK, PAPER, colour_scale, in_a_row, label, panel_of
 HALF_WIDTH: Final = 0.4
 #: Narrowest half, so that the thin neck to a lone value is still seen.
 THINNEST: Final = 0.012
+#: So many trials make a violin: the outline of fewer is an artefact of the kernel.
+FEWEST_FOR_A_VIOLIN: Final = 8
 POINTS: Final = 60  # heights at which a violin's outline is drawn
 #: Narrowest kernel, as a share of what the panel spans: values that are all alike still show.
 NARROWEST: Final = 0.01
@@ -34,6 +36,8 @@ def violins(
     y_title: str = "f(w) acquired",
 ) -> alt.HConcatChart:
     """A violin per method and group; a panel per environment. White dot: median; bar: quartiles.
+
+    Where a method has fewer than eight trials, they are drawn as dots instead.
 
     table: panel, group (queries so far), method, value; a row per trial. stars: panel, group,
     first, second, stars; a bracket for each row whose stars are not empty.
@@ -83,6 +87,7 @@ def _panel(
 
     shapes: list[Row] = []
     bars: list[Row] = []
+    dots: list[Row] = []
     for group in groups:
         for method in methods:
             values = [row["value"] for row in where(rows, group=group, method=method)]
@@ -90,6 +95,12 @@ def _panel(
                 continue
             x = place(group, method)
             names = {"method": label(method), "violin": f"{group} {method}"}
+            if len(values) < FEWEST_FOR_A_VIOLIN:
+                dots += [
+                    {**names, "x": x + shift, "value": round(value, 3)}
+                    for value, shift in zip(values, _beside_each_other(values), strict=True)
+                ]
+                continue
             shapes += [
                 {**names, "y": round(y, 3), "left": round(x - w, 4), "right": round(x + w, 4)}
                 for y, w in outline(values, NARROWEST * span)
@@ -124,8 +135,19 @@ def _panel(
     median = base.mark_point(
         filled=True, fill=PAPER, stroke=INK, strokeWidth=1, size=34, opacity=1, aria=False
     ).encode(y="median:Q", tooltip=["method:N", "low:Q", "median:Q", "high:Q"])
+    dot = (
+        alt.Chart(inline(dots))
+        .mark_point(filled=True, size=36, opacity=0.8, aria=False)
+        .encode(
+            x=across("x:Q"),
+            y=alt.Y("value:Q", title=titles[1], scale=alt.Scale(zero=False)),
+            color=alt.Color("method:N", scale=scale),
+            tooltip=["method:N", "value:Q"],
+        )
+    )
     layers: list[alt.Chart] = [] if best is None else optimum_line(best)
-    layers += [violin, quartiles, median]
+    layers += [violin, quartiles, median] if shapes else []
+    layers += [dot] if dots else []
     top = max([row["value"] for row in rows] + ([] if best is None else [best]))
     layers += _brackets(
         [
@@ -137,6 +159,12 @@ def _panel(
         span * BRACKET_STEP,
     )
     return panel_of(layers, panel, width=330, height=260)
+
+
+def _beside_each_other(values: Sequence[float]) -> list[float]:
+    """Shifts along x, so that no two dots of a method lie upon each other. Shape (n,)."""
+    step = HALF_WIDTH / FEWEST_FOR_A_VIOLIN
+    return [(place - (len(values) - 1) / 2) * step for place in range(len(values))]
 
 
 def _brackets(marks: list[Row], top: float, step: float) -> list[alt.Chart]:

@@ -56,6 +56,22 @@ def _both_bad(left: float, right: float, threshold: float | None) -> bool:
     return threshold is not None and left < threshold and right < threshold
 
 
+@dataclass(frozen=True)
+class SkipsEqual:
+    """Skips where the g of the two runs differ by less than `within`: where a choice is hard.
+
+    This is what the skip button of PBPO without synthesis is for. usual: who answers all else.
+    """
+
+    usual: Evaluator
+    within: float
+
+    def respond(self, left: float, right: float, *, may_skip: bool) -> Response:
+        if may_skip and abs(left - right) < self.within:
+            return "skip"
+        return self.usual.respond(left, right, may_skip=False)
+
+
 @dataclass
 class Discerning:
     """Cannot tell two runs apart whose g differ by less than a just-noticeable difference.

@@ -18,23 +18,26 @@ RT_MS = 12_000.0
 async def walk(
     client: httpx.AsyncClient,
     slug: str,
-    evaluator: Evaluator,
+    evaluator_of: Callable[[str], Evaluator],
     score_of: Callable[[str], float],
     *,
     mode: str,
     api_token: str,
     wait: Callable[[float], Awaitable[None]],
+    began: Callable[[str], None] = lambda _token: None,
     answered: Callable[[], None] = lambda: None,
 ) -> State:
     """From arrival to completion; the state in the end.
 
-    score_of: g of a recording, of its address. wait: lets that many seconds pass. Raises
-    httpx.HTTPStatusError for any answer that is not a success.
+    evaluator_of: who answers a query, of its id. score_of: g of a recording, of its address. wait:
+    lets that many seconds pass. began: told the session's token. Raises httpx.HTTPStatusError for
+    any answer that is not a success.
     """
     started = await _call(
         client, "POST", f"/api/v1/studies/{slug}/sessions", api_token, {"mode": mode}
     )
     token, state = started["token"], started["session"]
+    began(token)
     while state["stage"] not in ("completed", "withdrawn", "declined"):
         match state["stage"]:
             case "consent":
@@ -43,6 +46,7 @@ async def walk(
             case "query" | "practice":
                 query = state["query"]
                 left, right = (score_of(query[side]["url"]) for side in ("left", "right"))
+                evaluator = evaluator_of(query["id"])
                 response = evaluator.respond(left, right, may_skip=query["skip"] is not None)
                 body = {"query_id": query["id"], "response": response, "rt_ms": RT_MS}
                 path = "responses"

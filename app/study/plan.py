@@ -22,6 +22,7 @@ from pydantic import (
 )
 from pydantic_core import PydanticCustomError
 
+from .analysis import Analysis
 from .attention_checks import Checks, number
 from .plan_model import ONE_OR_MORE_TEXTS, LocalText, Part
 from .plan_validation import CRANE, METHODS, inconsistencies
@@ -173,6 +174,9 @@ class Plan(Part):
     retention: Retention = Field(
         default=Retention(),
         description="a mapping such as {identity_days: 90, everything_days: 3650}",
+    )
+    analysis: Analysis = Field(
+        default=Analysis(), description="a mapping such as {primary: [pbpo, pbpo-no-skip]}"
     )
     contact: StrictStr | None = Field(
         default=None, min_length=1, description="a text that says whom to ask"

@@ -10,6 +10,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 from . import recruitment, retention
+from .analysis import analysis_inconsistencies
 from .attention_checks import checks_inconsistencies
 from .files import misplaced
 from .parsed_plan import (
@@ -84,6 +85,7 @@ def inconsistencies(plan: Mapping[str, object]) -> list[Inconsistency]:
         *recruitment.disagreements(plan),
         *retention.disagreements(plan),
         *_blocks(plan),
+        *analysis_inconsistencies(plan),
         *item_inconsistencies(plan, languages_of(plan)),
     ]
 

@@ -29,12 +29,46 @@ async function load() {
   }
 }
 
+/**
+ * A table that scrolls inside itself where it is wider than the page.
+ * @param {{caption: string, header: string[], rows: string[][]}} summary
+ */
+function table({ caption, header, rows }) {
+  const wrap = document.createElement("div");
+  wrap.className = "table-wrap";
+  wrap.setAttribute("role", "region");
+  wrap.setAttribute("aria-label", caption);
+  wrap.tabIndex = 0;
+  const made = document.createElement("table");
+  made.createCaption().textContent = caption;
+  const heads = made.createTHead().insertRow();
+  for (const name of header) {
+    heads.append(Object.assign(document.createElement("th"), { textContent: name, scope: "col" }));
+  }
+  const body = made.createTBody();
+  for (const [first, ...others] of rows) {
+    const row = body.insertRow();
+    row.append(Object.assign(document.createElement("th"), { textContent: first, scope: "row" }));
+    for (const value of others) {
+      row.insertCell().textContent = value;
+    }
+  }
+  wrap.append(made);
+  return wrap;
+}
+
 /** @param {HTMLElement} figure */
 async function draw(figure) {
   const says = figure.querySelector("[data-says]");
   const place = figure.querySelector("[data-chart]");
   const notes = figure.querySelector("[data-notes]");
-  if (!(says instanceof HTMLElement) || !(place instanceof HTMLElement) || !(notes instanceof HTMLElement)) {
+  const summaries = figure.querySelector("[data-summaries]");
+  if (
+    !(says instanceof HTMLElement) ||
+    !(place instanceof HTMLElement) ||
+    !(notes instanceof HTMLElement) ||
+    !(summaries instanceof HTMLElement)
+  ) {
     throw new Error("expected a place for the chart and its words");
   }
   const address = new URL(figure.dataset.figure ?? "", location.href);
@@ -52,6 +86,8 @@ async function draw(figure) {
       ...told.notes.map((/** @type {string} */ note) => Object.assign(document.createElement("li"), { textContent: note })),
     );
     notes.hidden = told.notes.length === 0;
+    summaries.replaceChildren(...told.summaries.map(table));
+    summaries.hidden = told.summaries.length === 0;
     place.hidden = told.chart === null;
     for (const link of figure.querySelectorAll("[data-picture]")) {
       link.toggleAttribute("hidden", told.chart === null);

@@ -50,7 +50,7 @@ def test_every_finished_trial_is_in_the_violins_and_tests(
     looks = [10, 20, 21] if in_model else [10, 12]
     trials = PEOPLE * CONDITIONS
     assert dict(rows["answers"].value_counts()) == dict.fromkeys(looks, trials)
-    assert {test["freedom"] for test in scores.extra["tests"]} <= {2 * PEOPLE - 2}
+    assert {test["trials"] for test in scores.extra["tests"]} == {(PEOPLE, PEOPLE)}
 
     queries = table(app, "queries").dropna(subset="response")
     taught = queries if in_model else real(queries)

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import io
+import json
 from collections.abc import Mapping
 from pathlib import Path
 
+import numpy as np
+import pandas as pd
 import pytest
 from sqlalchemy import select
 
@@ -73,11 +77,10 @@ def test_simulated_sessions_fill_a_drafts_tables_and_tell_of_its_design(
 def test_the_design_is_worked_out_from_what_was_acquired(
     desk: Desk, app: AppContext, kettles: StudyInfo
 ) -> None:
-    assert simulation_results.design(app, kettles) is None
+    assert simulation_results.designs(app, kettles) == []
     simulate(desk, 4)
-    found = simulation_results.design(app, kettles)
-    assert found is not None
-    assert found.sessions == 4
+    [found] = simulation_results.designs(app, kettles)
+    assert (found.evaluator, found.sessions) == ("certain", 4)
     assert [(line.condition, line.query) for line in found.regrets] == [
         (name, query) for name in ("with skip", "last one wins") for query in (1, 3, 4)
     ]
@@ -90,6 +93,57 @@ def test_the_design_is_worked_out_from_what_was_acquired(
     [contrast] = found.contrasts
     assert (contrast.first, contrast.second) == ("with skip", "last one wins")
     assert all(1 <= query <= 4 for query in found.queries_enough.values())
+
+
+def test_kinds_of_evaluators_are_told_apart_and_exported(
+    desk: Desk, app: AppContext, kettles: StudyInfo
+) -> None:
+    simulate(desk, 2)
+    simulate(desk, 3, evaluator="uncertain", seed="7")
+    certain, uncertain = simulation_results.designs(app, kettles)
+    assert (certain.evaluator, certain.sessions) == ("certain", 2)
+    assert uncertain.evaluator.startswith("uncertain, eta ")
+    assert uncertain.sessions == 3
+    page = desk.get("/studies/kettles/manage").text
+    assert "From 2 simulated sessions (evaluator: certain)" in page
+    assert "From 3 simulated sessions (evaluator: uncertain, eta " in page
+    sessions = pd.read_csv(
+        io.StringIO(desk.get("/api/v1/studies/kettles/export/sessions.csv?mode=simulated").text)
+    )
+    assert list(sessions["evaluator"]) == ["certain"] * 2 + ["uncertain"] * 3
+    assert list(sessions["evaluator_seed"]) == [1, 1, 7, 7, 7]
+    settings = [json.loads(said) for said in sessions["evaluator_settings"]]
+    assert [said["index"] for said in settings] == [0, 1, 0, 1, 2]
+    assert "eta" not in settings[0]
+    scores = np.array([-3.5, -4.0, -10.0, 2.0])
+    assert settings[0]["skip_below"] == pytest.approx(scores.mean())
+    assert settings[4]["equal_within"] == pytest.approx(6 / 23.4 * scores.std())
+    assert settings[4]["eta"] == pytest.approx(0.08 * 23.4 / scores.std())
+
+
+def test_without_synthesis_a_skip_says_that_a_choice_is_hard(
+    desk: Desk, app: AppContext, tmp_path: Path
+) -> None:
+    folder = write_own_study(tmp_path / "kettles")
+    plan = folder / "study.yaml"
+    plan.write_text(plan.read_text().replace("method: pbpo\n", "method: pbpo-no-synthesis\n"))
+    # Two nearly equal and good, one bad.
+    table = RECORDINGS.replace("videos/b.mp4,", "videos/b.mp4,1.9").replace("-3.5", "1.8")
+    (folder / "recordings.csv").write_text(table)
+    repository.create(app, repository.load_folder(str(folder)), desk.account.account_id)
+    simulate(desk, 4)
+    queries, recordings = (
+        pd.read_csv(
+            io.StringIO(desk.get(f"/api/v1/studies/kettles/export/{name}.csv?mode=simulated").text)
+        )
+        for name in ("queries", "recordings")
+    )
+    score = dict(zip(recordings["recording"], recordings["score"], strict=True))
+    offered = queries[queries["method"] == "pbpo-no-synthesis"]
+    pairs = zip(offered["left_recording"], offered["right_recording"], strict=True)
+    close = [abs(score[left] - score[right]) < 1 for left, right in pairs]
+    assert list(offered["response"] == "skip") == close
+    assert any(close)
 
 
 def test_the_length_of_a_session_is_the_sum_of_its_parts(

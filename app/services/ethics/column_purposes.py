@@ -72,6 +72,7 @@ STORED: Mapping[str, StoredTable] = {
             "platform": "Which recruitment platform the person came from.",
             "receipt_hash": "Lets the person have everything deleted later, without a name.",
             "watched": "Which introductory videos were watched to the end.",
+            "evaluator": "What program answered a simulated session; empty for people.",
             "started_at": "Duration of taking part.",
             "last_seen_at": "Tells who is still there from who left: free places, expiry.",
             "ended_at": "Duration of taking part; retention counts from it.",

@@ -45,7 +45,7 @@ EVALUATORS: Mapping[str, Mapping[Topic, str]] = {
         Topic.COURSE: (
             "id study_id plan_id participant_id mode language seed order_index "
             "trial_conditions stage trial_index query_index break_ends_at "
-            "consent_version consented_at watched started_at last_seen_at ended_at "
+            "consent_version consented_at watched evaluator started_at last_seen_at ended_at "
             "expires_at"
         ),
         Topic.PSEUDONYM: "public_id",

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import json
+from collections.abc import Iterator, Mapping
+from typing import Any
 
 from sqlalchemy import and_, func, or_, select
 from sqlalchemy.orm import Session
@@ -63,6 +65,9 @@ def _sessions_columns(_plan: Plan) -> tuple[Column, ...]:
         integer("videos_watched", "Familiarisation videos that were watched to the end."),
         text("consent_version", "Version of the consent last agreed to; see consents.csv."),
         integer("seed", "Seed of the session."),
+        text("evaluator", "Kind of simulated evaluator that answered; empty for a person."),
+        text("evaluator_settings", "Settings of the simulated evaluator, as JSON."),
+        integer("evaluator_seed", "Seed of the simulated evaluator."),
         moment("started_at", "When the session began."),
         moment("consented_at", "When the participant last agreed; see consents.csv."),
         moment("last_seen_at", "When the session last did anything."),
@@ -105,12 +110,21 @@ def _sessions_rows(db: Session, request: Request) -> Iterator[Row]:
             len(row.watched),
             row.consent_version,
             row.seed,
+            *_evaluator(row.evaluator),
             row.started_at,
             row.consented_at,
             row.last_seen_at,
             row.ended_at,
             "; ".join(noticed.get(row.id, ())),
         )
+
+
+def _evaluator(evaluator: Mapping[str, Any] | None) -> Row:
+    """Kind, settings and seed of a simulated evaluator."""
+    if evaluator is None:
+        return None, None, None
+    settings = {name: evaluator[name] for name in sorted(evaluator.keys() - {"kind", "seed"})}
+    return evaluator["kind"], json.dumps(settings), evaluator["seed"]
 
 
 def _versions(db: Session, request: Request) -> dict[int, PlanVersion]:

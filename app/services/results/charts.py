@@ -85,6 +85,7 @@ def _on_w(found: Result, study: StudyInfo) -> Chart:
 
 
 def _scores(found: Result, study: StudyInfo) -> Chart:
+    unit = found.extra["unit"]
     rows = [
         {
             "panel": row["environment"],
@@ -99,7 +100,7 @@ def _scores(found: Result, study: StudyInfo) -> Chart:
         methods=_conditions(found.rows, study),
         stars=found.extra["tests"],
         x_title="answers that the method learned from",
-        y_title="mean score of what was acquired",
+        y_title=f"score of what was acquired ({unit})" if unit else "score of what was acquired",
     )
 
 

@@ -12,7 +12,7 @@ from sqlalchemy.orm import Session
 from app.services.context import AppContext
 from app.services.export.table import Request
 
-from . import acquired, response_behaviour, win_rates
+from . import acquired, acquired_scores, response_behaviour, win_rates
 from .result import Result
 
 
@@ -34,10 +34,11 @@ FINDINGS: Final[Mapping[str, Finding]] = MappingProxyType(
         ),
         "acquired-scores": Finding(
             "Scores of what was acquired",
-            "Per condition after 10, 20 and 30 answers that the method learned from, and at the end"
-            " of a trial; a violin is one condition's trials. Stars: * p < .05, ** p < .01,"
-            " two-sample t-tests as in the paper, uncorrected.",
-            acquired.scores_acquired,
+            "Per condition after so many answers that the method learned from; the last number is"
+            " the end of a trial. A violin is one condition's trials, with the median and the"
+            " middle half; fewer than eight trials are dots. Stars: * p < .05, ** p < .01, paired"
+            " t-tests corrected by Holm's method.",
+            acquired_scores.scores_acquired,
         ),
         "win-rates": Finding(
             "Win rates",

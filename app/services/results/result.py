@@ -14,16 +14,27 @@ Row = Mapping[str, Any]
 
 
 @dataclass(frozen=True)
+class Summary:
+    """A table below a figure, as text. Each row is as long as the header."""
+
+    caption: str
+    header: tuple[str, ...]
+    rows: Sequence[tuple[str, ...]]
+
+
+@dataclass(frozen=True)
 class Result:
     """A result.
 
     rows: the table of the figure; empty if there is nothing to show. says: text alternative of the
-    figure. notes: lines below it, such as tests. extra: further data for the chart.
+    figure. notes: sentences below it. summaries: tables below it, such as tests. extra: further
+    data for the chart.
     """
 
     rows: Sequence[Row]
     says: str
     notes: tuple[str, ...] = ()
+    summaries: tuple[Summary, ...] = ()
     extra: Mapping[str, Any] = field(default_factory=dict)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import combinations
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,9 +17,10 @@ from app.services.accounts import audit_log
 from app.services.accounts.accounts import Principal
 from app.services.context import AppContext
 from app.services.runtime.errors import ConflictError
-from app.statistics.power import Interval, mean_interval, people_needed
+from app.statistics.power import Interval, PeopleNeeded, mean_interval, people_needed
 from app.storage.models.studies import Acquired, Candidate, Recording, SessionRow, Trial
-from app.study import assignment
+from app.study import assignment, planned_tests
+from app.study.plan import Plan
 
 from .candidate_scores import mean_scores
 from .repository import StudyInfo
@@ -53,19 +54,22 @@ class RegretLine:
 class Contrast:
     """The difference of two conditions' acquired scores, and the number of people to detect it.
 
-    people: None if no number would do.
+    people: for 80 % power in the paired t-test that the results run. None if nothing can be told.
+    level: the level of that test.
     """
 
     first: str
     second: str
     difference: Interval
-    people: int | None
+    people: PeopleNeeded | None
+    level: float
 
 
 @dataclass(frozen=True)
 class Design:
-    """The analysis of a design from its simulated sessions."""
+    """The analysis of a design from its simulated sessions by one kind of evaluator."""
 
+    evaluator: str
     sessions: int
     regrets: Sequence[RegretLine]
     contrasts: Sequence[Contrast]
@@ -146,13 +150,21 @@ def duration(app: AppContext, study: StudyInfo) -> Duration | None:
     return Duration(total_s, video_s, pairs, breaks_s)
 
 
-def design(app: AppContext, study: StudyInfo) -> Design | None:
-    """The analysis of the study's completed simulated sessions; None if it has none."""
+def designs(app: AppContext, study: StudyInfo) -> list[Design]:
+    """The analyses of the study's completed simulated sessions, one for each kind of evaluator."""
     with app.database.read() as db:
         scores = mean_scores(db, study.id)
         curves = _curves(db, study.id, scores)
-    if not curves:
-        return None
+        kinds = _evaluators(db, study.id)
+    by_kind: dict[str, dict[tuple[int, str], list[float]]] = {}
+    for (session_id, condition), curve in curves.items():
+        by_kind.setdefault(kinds[session_id], {})[session_id, condition] = curve
+    return [_design(study, kind, scores, by_kind[kind]) for kind in sorted(by_kind)]
+
+
+def _design(
+    study: StudyInfo, evaluator: str, scores: Mapping[tuple[str, int], float], curves: Curves
+) -> Design:
     plan = study.plan
     best: dict[str, float] = {}
     for (where, _), score in scores.items():
@@ -164,6 +176,7 @@ def design(app: AppContext, study: StudyInfo) -> Design | None:
         for name in names
     }  # each (sessions, queries)
     return Design(
+        evaluator=evaluator,
         sessions=len({session_id for session_id, _ in curves}),
         regrets=[
             RegretLine(name, query, mean_interval(regrets[name][:, query - 1].tolist()))
@@ -172,15 +185,16 @@ def design(app: AppContext, study: StudyInfo) -> Design | None:
         ],
         contrasts=[
             contrast
-            for first, second in combinations(names, 2)
-            if environment[first] == environment[second]
-            and (contrast := _contrast(curves, first, second)) is not None
+            for first, second in planned_tests.comparisons(plan)
+            if first in names
+            and second in names
+            and (contrast := _contrast(plan, curves, first, second)) is not None
         ],
         queries_enough={name: _enough(regrets[name].mean(axis=0)) for name in names},
     )
 
 
-def _contrast(curves: Curves, first: str, second: str) -> Contrast | None:
+def _contrast(plan: Plan, curves: Curves, first: str, second: str) -> Contrast | None:
     """Compare two conditions' final scores, second less first, within sessions that have both."""
     sessions = {session_id for session_id, name in curves if name == first}
     differences = [
@@ -190,7 +204,27 @@ def _contrast(curves: Curves, first: str, second: str) -> Contrast | None:
     ]
     if not differences:
         return None
-    return Contrast(first, second, mean_interval(differences), people_needed(differences))
+    level = planned_tests.strictest_level(plan, first, second)
+    needed = people_needed(differences, alpha=level)
+    return Contrast(first, second, mean_interval(differences), needed, level)
+
+
+def evaluator_label(evaluator: Mapping[str, Any] | None) -> str:
+    """The kind of an evaluator with the settings that tell it from others of its kind."""
+    if evaluator is None:
+        return "not recorded"
+    eta = evaluator.get("eta")
+    return f"{evaluator['kind']}, eta {eta:.4g}" if eta is not None else str(evaluator["kind"])
+
+
+def _evaluators(db: Session, study_id: int) -> dict[int, str]:
+    """The kind of evaluator of each simulated session, by primary key."""
+    statement = select(SessionRow.id, SessionRow.evaluator).where(
+        SessionRow.study_id == study_id, SessionRow.mode == "simulated"
+    )
+    return {
+        session_id: evaluator_label(evaluator) for session_id, evaluator in db.execute(statement)
+    }
 
 
 def _enough(mean_regret: NDArray[np.float64]) -> int:

@@ -220,6 +220,8 @@ class SessionRow(Base):
     receipt_hash: Mapped[str | None] = mapped_column(String(64), unique=True)
     # Indices in the familiarisation playlist that were watched to the end.
     watched: Mapped[list[int]] = mapped_column(default=list)
+    # Of a simulated session: the evaluator's kind, settings and seed. See simulated_evaluators.
+    evaluator: Mapped[dict[str, Any] | None] = mapped_column(JSON(none_as_null=True))
     started_at: Mapped[datetime]
     last_seen_at: Mapped[datetime]
     ended_at: Mapped[datetime | None]

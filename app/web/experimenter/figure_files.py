@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import asdict
 from typing import Final, Literal
 
 from fastapi.responses import Response
@@ -41,7 +42,14 @@ def _content(name: str, found: Result, study: StudyInfo, form: Form, theme: Them
         return as_csv(found.rows)
     if form == "json":
         chart = _drawn(name, found, study, theme) if found.rows else "null"
-        told = json.dumps({"says": found.says, "notes": found.notes, "rows": len(found.rows)})
+        told = json.dumps(
+            {
+                "says": found.says,
+                "notes": found.notes,
+                "summaries": [asdict(summary) for summary in found.summaries],
+                "rows": len(found.rows),
+            }
+        )
         return f'{told[:-1]}, "chart": {chart}}}'
     if not found.rows:
         raise NotFoundError(f"there is nothing to draw yet: {found.says}")

@@ -15,6 +15,7 @@ from app.services.drafts import drafts
 from app.services.runtime.errors import ChangedMeanwhileError, ConflictError
 from app.services.studies import lifecycle, repository, revision, session_modes, simulation_results
 from app.services.studies.repository import StudyInfo
+from app.statistics.power import MOST_PEOPLE
 from app.study.text_diff import difference
 from app.study.validation_errors import StudyFaults
 from app.web.http import languages, session_paths
@@ -246,8 +247,9 @@ def _manage(
         most_sessions=simulation_results.MOST_SESSIONS,
         job=jobs.newest(app, simulation_results.SIMULATE, study_id=study.id),
         duration=simulation_results.duration(app, study),
-        design=simulation_results.design(app, study),
+        designs=simulation_results.designs(app, study),
         thinking_s=simulation_results.THINKING_S,
+        most_people=MOST_PEOPLE,
         reading_s=simulation_results.READING_S,
     )
 

@@ -41,7 +41,8 @@ CURVES: list[Row] = [
     for trial in range(3)
     for query in (1, 2)
 ]
-VIOLINS: list[Row] = [{**row, "group": row["query"]} for row in CURVES]
+#: Each value three times: fewer than eight trials are no violin.
+VIOLINS: list[Row] = [{**row, "group": row["query"]} for row in CURVES for _ in range(3)]
 MAP: list[Row] = [
     {"panel": "f", "w0": 0.05 * i, "w1": 0.05 * j, "value": float(i - j)}
     for i in range(4)
@@ -111,9 +112,20 @@ def test_a_violin_has_its_median_and_quartiles() -> None:
     bars = [row for row in values(FIGURES["violins"]()) if "median" in row]
     assert len(bars) == 2 * 2  # both panels show the same here
     assert {(row["low"], row["median"], row["high"]) for row in bars} == {
-        (-98.0, -97.0, -96.0),
-        (-97.0, -96.0, -95.0),
+        (-99.0, -97.0, -95.0),
+        (-98.0, -96.0, -94.0),
     }
+
+
+def test_fewer_than_eight_trials_are_dots_and_no_violin() -> None:
+    few = [row for row in VIOLINS if row["method"] == METHODS[0]][:7]
+    chart = violins(few, methods=METHODS)
+    drawn = values(chart)
+    assert sorted(row["value"] for row in drawn if "value" in row) == sorted(
+        row["value"] for row in few
+    )
+    assert not [row for row in drawn if "left" in row or "median" in row]
+    assert "area" not in str(chart.to_dict())
 
 
 def test_stars_stand_above_everything_and_only_where_there_are_some() -> None:

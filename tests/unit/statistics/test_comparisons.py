@@ -66,3 +66,14 @@ def test_one_value_is_no_sample() -> None:
 
 def test_the_middle_half_of_a_row_of_numbers_is_half_its_width() -> None:
     assert interquartile_range(list(range(101))) == 50.0
+
+
+def test_welchs_p_agrees_with_its_interval_where_students_contradicts_it() -> None:
+    found = compare(FIRST, SECOND)
+    assert (found.welch_t, found.welch_freedom) == pytest.approx((-1.8608, 17.776), abs=1e-3)
+    assert found.welch_p == pytest.approx(0.07939, abs=1e-5)
+    # Few and scattered against many and close: Student's test is far too sure of it.
+    few, many = [30.0, -25.0, 40.0, -30.0, 44.0], [0.1 * (-1) ** n for n in range(40)]
+    unequal = compare(few, many)
+    assert unequal.p < 0.05 < unequal.welch_p
+    assert unequal.low < 0 < unequal.high

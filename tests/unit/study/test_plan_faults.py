@@ -50,6 +50,14 @@ Faults = Callable[[Path], list[str]]
             ),
         ),
         (
+            "queries_per_trial: 4",
+            "queries_per_trial: 4\nanalysis: {primary: [soft, with skip]}",
+            (
+                "study.yaml:20: analysis.primary[0]: expected one of the conditions"
+                " (with skip, without skip), got 'soft'"
+            ),
+        ),
+        (
             "method: pbpo\n",
             "method: pppo\n",
             (

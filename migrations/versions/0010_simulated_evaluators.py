@@ -1,6 +1,8 @@
 """What a simulated session was answered by: the kind of evaluator, its settings and its seed.
 
 Sessions that were simulated before have none.
+
+Revision: 0010, after 0009.
 """
 
 from __future__ import annotations

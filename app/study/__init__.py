@@ -4,13 +4,15 @@ Pure: no web, no database, no clock; a study folder is read from disk, and nothi
 """
 
 from .assignment import choose_order, orders, plan_orders, sample_familiarisation, trial_conditions
+from .environments import Environment
 from .folder import SHIPPED, TEXT_NAMES, StudyFolder, UnknownStudyError, load, resolve
 from .markdown import consent_version, render
-from .plan import Condition, Environment, Parameter, Plan, plan_hash
+from .plan import Condition, Plan, plan_hash
 from .plan_validation import METHODS, Method
 from .questionnaire import AnswerFault, Item, Questionnaires, read_answers
 from .recordings import RecordingRow
 from .scaffold import FolderNotEmptyError, init
+from .search_space import Parameter
 from .stage_settings import Device, DeviceCheck
 from .stages import (
     Answered,

@@ -13,13 +13,12 @@ import numpy as np
 from pydantic import Field, StrictBool, StrictStr
 
 from .parsed_plan import Inconsistency, Place, as_list, as_mapping
-from .plan_model import Part
+from .plan_model import Finite, Part
 
 #: Checks are at most half of the pairs shown.
 LARGEST_SHARE = 0.5
 
 Share = Annotated[float, Field(strict=True, ge=0, le=LARGEST_SHARE, allow_inf_nan=False)]
-Finite = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 CandidatePoint = dict[StrictStr, Finite]
 
 _SHARE = f"a share of queries_per_trial from 0 (none) to {LARGEST_SHARE}"

@@ -14,7 +14,7 @@ from .files import is_file, misplaced, read_text
 from .markdown import placeholders
 from .parsed_plan import Inconsistency, as_list, as_mapping
 from .plan import LANGUAGE_PATTERN, Plan
-from .plan_source import STUDY_FILE, PlanReading, SettingsCheck, read_plan
+from .plan_source import STUDY_FILE, PlanReading, SettingsCheck, SpaceCheck, read_plan
 from .recordings import ParameterColumn, RecordingRow, RecordingsReader, Value, candidates_of
 from .tables import TABLE_ENDINGS
 from .validation_errors import Fault, StudyFaults, UnreadableFileError
@@ -27,7 +27,7 @@ _SHIPPED_FOLDER = Path(__file__).parent / "shipped"
 SHIPPED: Mapping[str, Path] = MappingProxyType(
     {
         name: _SHIPPED_FOLDER / name
-        for name in ("waste-crane", "waste-crane-env2", "waste-crane-paper")
+        for name in ("waste-crane", "waste-crane-env2", "waste-crane-live", "waste-crane-paper")
     }
 )
 
@@ -37,7 +37,8 @@ class StudyFolder:
     """A valid study folder.
 
     texts: language -> name (consent, instructions, debrief, and welcome if it has one) -> Markdown.
-    recordings: the rows of all tables, in their order; none for the crane's environments.
+    recordings: the rows of all tables, in their order; none for the crane's environments and those
+        of machines.
     """
 
     root: Path
@@ -92,10 +93,16 @@ def load(
     folder: Path,
     *,
     settings_check: SettingsCheck | None = None,
+    space_check: SpaceCheck | None = None,
     crane_candidates: Callable[[str], Iterable[Sequence[float]]] | None = None,
 ) -> StudyFolder:
     """Read a study folder. Raises StudyFaults with every fault in it; arguments as of `examine`."""
-    found = examine(folder, settings_check=settings_check, crane_candidates=crane_candidates)
+    found = examine(
+        folder,
+        settings_check=settings_check,
+        space_check=space_check,
+        crane_candidates=crane_candidates,
+    )
     if found.study is None:
         raise StudyFaults(found.faults)
     return found.study
@@ -105,11 +112,13 @@ def examine(
     folder: Path,
     *,
     settings_check: SettingsCheck | None = None,
+    space_check: SpaceCheck | None = None,
     crane_candidates: Callable[[str], Iterable[Sequence[float]]] | None = None,
 ) -> Examination:
     """Check a study folder.
 
     settings_check: returns what is wrong with a condition's settings, or None.
+    space_check: returns what is wrong with the search space of a study over ranges.
     crane_candidates: returns the candidates of an environment of the crane, to validate those of
         attention checks.
     """
@@ -118,7 +127,7 @@ def examine(
     except UnreadableFileError as error:
         fault = Fault(STUDY_FILE, error.line, str(error))
         return Examination(None, (fault,), unused=unused_files(folder, {STUDY_FILE}))
-    reading = read_plan(text, settings_check)
+    reading = read_plan(text, settings_check, space_check)
     texts, text_faults = _read_texts(folder, _languages(reading))
     recordings, reader = _read_recordings(folder, reading)
     faults = [*reading.faults, *text_faults, *reader.faults]
@@ -155,6 +164,8 @@ def _check_faults(
     """What the attention checks lack, in every environment that is used."""
     found: list[Inconsistency] = []
     for name in plan.used_environments:
+        if plan.environments[name].is_machine:
+            continue
         is_crane = plan.environments[name].is_crane
         if is_crane and crane_candidates is None:
             continue

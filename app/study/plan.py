@@ -24,14 +24,16 @@ from pydantic_core import PydanticCustomError
 
 from .analysis import Analysis
 from .attention_checks import Checks, number
+from .environments import Environment
 from .plan_model import ONE_OR_MORE_TEXTS, LocalText, Part
-from .plan_validation import CRANE, METHODS, inconsistencies
+from .plan_validation import METHODS, inconsistencies
 from .query_settings import QueryPage, Skip
 from .questionnaire import Item, Questionnaires
 from .recordings import RecordingRow
 from .recruitment import Recruitment
 from .retention import Retention
 from .reward import Reward
+from .search_space import MOST_CONSTRAINTS, Parameter, SearchSpace, space_between
 from .stage_settings import DeviceCheck, Familiarisation, Practice, Resume
 
 # These name folders as well, so they hold nothing that leads elsewhere.
@@ -47,32 +49,6 @@ def _require_method(name: str) -> str:
 Language = Annotated[StrictStr, StringConstraints(pattern=LANGUAGE_PATTERN)]
 EnvironmentName = Annotated[StrictStr, StringConstraints(pattern=r"^[a-z0-9][a-z0-9_-]{0,59}$")]
 MethodName = Annotated[StrictStr, AfterValidator(_require_method)]
-
-
-class Parameter(Part):
-    """One coordinate of a candidate."""
-
-    name: StrictStr = Field(
-        pattern=r"^[a-z][a-z0-9_]{0,39}$",
-        description="a name of lower-case letters, digits and underscores such as opening_time",
-    )
-    label: LocalText | None = Field(default=None, description=ONE_OR_MORE_TEXTS)
-    unit: StrictStr | None = Field(default=None, description="a unit such as s")
-
-
-class Environment(Part):
-    """Where recordings come from: the simulated crane, or a table of the study's own."""
-
-    label: LocalText | None = Field(default=None, description=ONE_OR_MORE_TEXTS)
-    source: StrictStr = Field(
-        pattern=r"^(crane|.*\.([cC][sS][vV]|[tT][sS][vV]|[xX][lL][sS][xX]))$",
-        description="crane, or the name of a table in the study folder such as recordings.csv",
-    )
-
-    @property
-    def is_crane(self) -> bool:
-        """Whether recordings come from the simulated crane."""
-        return self.source == CRANE
 
 
 class Condition(Part):
@@ -112,6 +88,13 @@ class Plan(Part):
     )
     parameters: tuple[Parameter, ...] = Field(
         min_length=1, description="a list of parameters such as {name: speed, unit: m/s}"
+    )
+    # Left out of a plan's data where not used, so that the hashes of earlier plans stay valid.
+    constraints: tuple[StrictStr, ...] = Field(
+        default=(),
+        max_length=MOST_CONSTRAINTS,
+        exclude_if=lambda constraints: not constraints,
+        description="a list of inequalities between parameters such as [w0 >= w1]",
     )
     environments: dict[EnvironmentName, Environment] = Field(
         min_length=1,
@@ -189,6 +172,16 @@ class Plan(Part):
             message = "; ".join(str(inconsistency) for inconsistency in found)
             raise PydanticCustomError("inconsistent", "{message}", {"message": message})
         return self
+
+    @property
+    def has_ranges(self) -> bool:
+        """Whether candidates are the points of a space and not of a list; all of its machines."""
+        return self.parameters[0].min is not None
+
+    @property
+    def space(self) -> SearchSpace | None:
+        """The search space given by the parameters' ranges; None if candidates are listed."""
+        return space_between(self.parameters, self.constraints) if self.has_ranges else None
 
     @property
     def trials(self) -> int:

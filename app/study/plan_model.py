@@ -1,9 +1,9 @@
-"""The base model of a plan's parts, and texts in one or several languages."""
+"""The base model of a plan's parts, and the types of values that several of them have."""
 
 from collections.abc import Mapping
 from typing import Annotated
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
 
 def _require_text(value: object) -> object:
@@ -19,6 +19,13 @@ def _require_text(value: object) -> object:
 
 LocalText = Annotated[str | dict[str, str], BeforeValidator(_require_text)]
 ONE_OR_MORE_TEXTS = "a text, or one text per language such as {en: ..., ja: ...}"
+#: A whole or broken number; no text, no truth value.
+Finite = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+
+
+def absent(value: object) -> bool:
+    """Whether an optional value was not given."""
+    return value is None
 
 
 class Part(BaseModel):

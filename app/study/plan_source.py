@@ -1,7 +1,7 @@
 """Parses the text of `study.yaml` into a Plan, or into every fault with its line."""
 
 import difflib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from itertools import islice
 from typing import Any, get_args
@@ -9,9 +9,10 @@ from typing import Any, get_args
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
-from .parsed_plan import Place, path_text
+from .parsed_plan import Inconsistency, Place, path_text
 from .plan import Plan
 from .plan_validation import inconsistencies
+from .search_space import SearchSpace, space_of
 from .validation_errors import Fault
 from .yaml_source import YamlSource, YamlSyntaxError, read_yaml
 
@@ -21,7 +22,10 @@ LONGEST_VALUE_SHOWN = 60
 MOST_FAULTS = 200
 NAME_MARK = "[key]"
 
+#: Returns what is wrong with a condition's settings, or None.
 SettingsCheck = Callable[[Mapping[str, Any]], str | None]
+#: Returns what is wrong with a search space whose ranges are valid: its constraints, its inside.
+SpaceCheck = Callable[[SearchSpace], Iterable[Inconsistency]]
 
 
 @dataclass(frozen=True)
@@ -34,8 +38,12 @@ class PlanReading:
     lines: YamlSource | None = None
 
 
-def read_plan(text: str, settings_check: SettingsCheck | None = None) -> PlanReading:
-    """Parse and validate the text. settings_check: returns what is wrong with settings, or None."""
+def read_plan(
+    text: str,
+    settings_check: SettingsCheck | None = None,
+    space_check: SpaceCheck | None = None,
+) -> PlanReading:
+    """Parse and validate the text, with the given checks if any."""
     try:
         source = read_yaml(text)
     except YamlSyntaxError as error:
@@ -63,6 +71,9 @@ def read_plan(text: str, settings_check: SettingsCheck | None = None) -> PlanRea
         )
     if settings_check is not None:
         found.extend(_settings_faults(source, settings_check))
+    space = space_of(source.data) if space_check is not None else None
+    if space_check is not None and space is not None:
+        found.extend(_fault(source, one.place, one.message) for one in space_check(space))
     # A field of two wrong parts (a text in two languages) is named once.
     faults = tuple(dict.fromkeys(sorted(found, key=lambda fault: fault.line or 0)))
     return PlanReading(None if faults else plan, source.data, faults, source)

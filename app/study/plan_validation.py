@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from . import recruitment, retention
 from .analysis import analysis_inconsistencies
 from .attention_checks import checks_inconsistencies
-from .files import misplaced
+from .environments import environment_inconsistencies
 from .parsed_plan import (
     Inconsistency,
     Place,
@@ -24,11 +24,8 @@ from .parsed_plan import (
 )
 from .query_settings import skip_inconsistencies
 from .questionnaire import item_inconsistencies
+from .search_space import space_inconsistencies
 from .stage_settings import PRACTICE
-
-CRANE = "crane"
-CRANE_ENVIRONMENTS = ("env1", "env2")
-CRANE_PARAMETERS = ("w0", "w1")
 
 # Columns that exported tables and recordings.csv have of their own: a parameter of the same name
 # would give a table two columns with one name ("candidate" would become a second left_candidate).
@@ -76,7 +73,8 @@ def inconsistencies(plan: Mapping[str, object]) -> list[Inconsistency]:
     return [
         *_languages(plan),
         *_parameters(plan),
-        *_environments(plan),
+        *space_inconsistencies(plan),
+        *environment_inconsistencies(plan),
         *_conditions(plan),
         *_practice(plan),
         *_resume(plan),
@@ -103,30 +101,6 @@ def _parameters(plan: Mapping[str, object]) -> Iterator[Inconsistency]:
         if name in RESERVED_PARAMETERS:
             taken = f"expected another name, {name!r} is a column that exported tables have already"
             yield Inconsistency(("parameters", index, "name"), taken)
-
-
-def _environments(plan: Mapping[str, object]) -> Iterator[Inconsistency]:
-    read_by: dict[object, str] = {}
-    names = parameter_names(plan)
-    for name, environment in as_mapping(plan.get("environments")).items():
-        source = as_mapping(environment).get("source")
-        place = ("environments", name, "source")
-        if source == CRANE:
-            if name not in CRANE_ENVIRONMENTS:
-                known = " or ".join(CRANE_ENVIRONMENTS)
-                yield Inconsistency(place, f"expected {known} for source crane, got {name!r}")
-            if names and tuple(names) != CRANE_PARAMETERS:
-                expected, came = ", ".join(CRANE_PARAMETERS), ", ".join(map(str, names))
-                message = f"expected the parameters {expected} for source crane, got {came}"
-                yield Inconsistency(place, message)
-        elif isinstance(source, str):
-            problem = misplaced(source)
-            if problem is not None:
-                yield Inconsistency(place, problem)
-            if source in read_by:
-                message = f"expected a file of its own, got {source!r}, which {read_by[source]} has"
-                yield Inconsistency(place, message)
-            read_by.setdefault(source, name)
 
 
 def _conditions(plan: Mapping[str, object]) -> Iterator[Inconsistency]:

@@ -8,7 +8,7 @@ from typing import Any, Final
 
 from app.figures import bands, counts, intervals, maps, paths, side, slices, strips, violins
 from app.services.studies.repository import StudyInfo
-from app.study.plan import Parameter
+from app.study.search_space import Parameter
 
 from .result import Result, Row
 

@@ -35,7 +35,7 @@ def write_folder(app: AppContext, slug: str, folder: Path, new_slug: str) -> Non
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_text(text, encoding="utf-8")
     for name, environment in plan.environments.items():
-        if not environment.is_crane:
+        if environment.has_table:
             _write_table(app, study.id, plan, name, folder)
 
 

@@ -18,6 +18,7 @@ from app.crane.dynamics import DURATION_S
 from app.pbbo import Settings as OptimizerSettings
 from app.services.accounts import audit_log
 from app.services.context import AppContext
+from app.services.proposals import boxes
 from app.services.recordings import metadata_removal, recordings
 from app.services.runtime import disk_quota
 from app.services.runtime.errors import ConflictError, NotFoundError, SlugTakenError
@@ -26,6 +27,7 @@ from app.storage.models.accounts import StudyAccess
 from app.storage.models.studies import Candidate, PlanVersion, Recording, SessionRow, Study
 from app.study import assignment
 from app.study import folder as study_folder
+from app.study.environments import CRANE_PARAMETERS
 from app.study.plan import Plan, plan_hash
 from app.study.recordings import Value
 from app.study.validation_errors import StudyFaults
@@ -50,9 +52,6 @@ _plans: LRUCache[str, Plan] = LRUCache(MAX_PLANS)
 _texts: LRUCache[str, Texts] = LRUCache(MAX_PLANS)
 _narrowed_plans: LRUCache[tuple[str, frozenset[int]], Plan] = LRUCache(4 * MAX_PLANS)
 _lock = Lock()
-
-#: Names of the shipped crane's parameters, in the order of its candidates' columns.
-CRANE_PARAMETERS = ("w0", "w1")
 
 
 @dataclass(frozen=True)
@@ -99,6 +98,7 @@ def examine_folder(name_or_path: str) -> study_folder.Examination:
     return study_folder.examine(
         study_folder.resolve(name_or_path),
         settings_check=settings_fault,
+        space_check=boxes.space_faults,
         crane_candidates=lambda _: crane_environments.candidates().tolist(),
     )
 
@@ -177,7 +177,8 @@ def _stored(
         )
         db.add_all([study, version])
         db.flush()
-        _store(db, study.id, candidates)
+        if candidates:
+            _store(db, study.id, candidates)
         db.add_all(
             StudyAccess(study_id=study.id, account_id=account_id, access=access, created_at=now)
             for account_id, access in members.items()
@@ -367,7 +368,9 @@ def _candidates(
     folder: study_folder.StudyFolder, locators: Mapping[str, str]
 ) -> Iterator[_CandidateRows]:
     for name, environment in folder.plan.environments.items():
-        if environment.source == recordings.CRANE:
+        if environment.is_machine:
+            continue  # Its candidates are stored when they are proposed.
+        if environment.is_crane:
             yield from _crane_candidates(name)
         else:
             yield from _file_candidates(folder, locators, name)

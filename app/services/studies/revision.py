@@ -147,12 +147,16 @@ def _add_version(
 
 
 def _stored_rows(db: Session, study: StudyInfo) -> list[RecordingRow]:
-    """The study's own recordings as rows of its tables."""
+    """The study's own recordings as rows of its tables; none of those that machines made."""
     names = [parameter.name for parameter in study.plan.parameters]
     found = db.execute(
         select(Candidate, Recording)
         .join(Recording, Recording.candidate_id == Candidate.id)
-        .where(Candidate.study_id == study.id, Recording.source == recordings.FILE)
+        .where(
+            Candidate.study_id == study.id,
+            Candidate.environment.in_(_with_table(study)),
+            Recording.source == recordings.FILE,
+        )
         .order_by(Candidate.id, Recording.run_index)
     )
     return [
@@ -168,6 +172,11 @@ def _stored_rows(db: Session, study: StudyInfo) -> list[RecordingRow]:
     ]
 
 
+def _with_table(study: StudyInfo) -> list[str]:
+    """The environments whose recordings are part of the plan's hash."""
+    return [name for name, one in study.plan.environments.items() if one.has_table]
+
+
 def _require_the_same(db: Session, before: StudyInfo, folder: StudyFolder) -> None:
     if before.plan != folder.plan:
         raise ConflictError(
@@ -177,7 +186,11 @@ def _require_the_same(db: Session, before: StudyInfo, folder: StudyFolder) -> No
     stored = db.execute(
         select(Candidate.environment, Recording.locator)
         .join(Recording, Recording.candidate_id == Candidate.id)
-        .where(Candidate.study_id == before.id, Recording.source == recordings.FILE)
+        .where(
+            Candidate.study_id == before.id,
+            Candidate.environment.in_(_with_table(before)),
+            Recording.source == recordings.FILE,
+        )
     )
     held = {(environment, recordings.own_sha256(locator)) for environment, locator in stored}
     if held != {(row.environment, row.sha256) for row in folder.recordings}:

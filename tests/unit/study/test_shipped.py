@@ -77,6 +77,29 @@ def test_the_whole_published_experiment_ships() -> None:
     ]
 
 
+def test_the_live_study_goes_over_ranges_and_needs_no_videos() -> None:
+    study = load(resolve("waste-crane-live"))
+    plan = study.plan
+    assert study.recordings == ()
+    assert plan.environments["env1"].is_crane_machine
+    assert [(one.name, one.min, one.max) for one in plan.parameters] == [
+        ("w0", 0.0, 1.0),
+        ("w1", 0.0, 1.0),
+    ]
+    assert plan.constraints == ("w0 >= w1",)
+    assert [condition.method for condition in plan.conditions] == ["pbpo-threshold"]
+    assert plan.familiarisation.videos == 0
+
+
+def test_the_texts_of_the_live_study_say_the_number_of_its_pairs() -> None:
+    texts = load(SHIPPED["waste-crane-live"]).texts
+    for name in ("consent", "instructions"):
+        assert (
+            "There are 30 pairs" in texts["en"][name] or "there are 30 of them" in texts["en"][name]
+        )
+        assert "30ペア" in texts["ja"][name]
+
+
 PARTS = {
     "waste-crane": ("three parts of 30", "ten videos"),
     "waste-crane-env2": ("three parts of 30", "ten videos"),
@@ -84,7 +107,7 @@ PARTS = {
 }
 
 
-@pytest.mark.parametrize("name", SHIPPED)
+@pytest.mark.parametrize("name", PARTS)
 def test_the_texts_of_a_shipped_study_say_the_numbers_of_its_plan(name: str) -> None:
     texts = load(SHIPPED[name]).texts["en"]
     consent, instructions = (" ".join(texts[text].split()) for text in ("consent", "instructions"))

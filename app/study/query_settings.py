@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 from pydantic import Field, StrictBool, StrictInt, StrictStr, StringConstraints
 
 from .parsed_plan import Inconsistency, Place, all_languages, as_mapping, languages_of
-from .plan_model import ONE_OR_MORE_TEXTS, LocalText, Part
+from .plan_model import ONE_OR_MORE_TEXTS, LocalText, Part, absent
 
 FEWEST_REASONS, MOST_REASONS = 2, 4
 
@@ -33,8 +33,10 @@ class Skip(Part):
         description=f"a mapping of {FEWEST_REASONS} to {MOST_REASONS} reasons, each with its text,"
         " such as {both_bad: Both are bad, cannot_tell: I cannot tell}",
     )
+    # Left out of a plan's data where not given, so that the hashes of earlier plans stay valid.
     means: Literal["both_bad", "cannot_tell"] | None = Field(
         default=None,
+        exclude_if=absent,
         description="both_bad or cannot_tell: what a skip without one of these reasons says",
     )
 

@@ -132,8 +132,10 @@ def test_the_plan_and_the_optimiser_agree_on_the_number_of_parameters() -> None:
         (
             "height <= 0.9",
             "height <= deep",
-            "study.yaml:10: constraints[1]: constraint 'height <= deep': expected parameters from"
-            " speed, height, got 'deep'",
+            (
+                "study.yaml:10: constraints[1]: constraint 'height <= deep': expected parameters"
+                " from speed, height, got 'deep'"
+            ),
         ),
         ("height <= 0.9", "height < 0.9", "study.yaml:10: constraints[1]: constraint 'height <"),
         (
@@ -182,8 +184,10 @@ def test_the_plan_and_the_optimiser_agree_on_the_number_of_parameters() -> None:
         (
             "queries_per_trial: 4",
             "queries_per_trial: 4\nfamiliarisation: {videos: 3}",
-            "study.yaml:19: familiarisation.videos: expected 0, a study over ranges has no videos"
-            " before its first query, got 3",
+            (
+                "study.yaml:19: familiarisation.videos: expected 0, a study over ranges has no"
+                " videos before its first query, got 3"
+            ),
         ),
         (
             "queries_per_trial: 4",

@@ -159,7 +159,10 @@ class Plan(Part):
         description="a mapping such as {identity_days: 90, everything_days: 3650}",
     )
     analysis: Analysis = Field(
-        default=Analysis(), description="a mapping such as {primary: [pbpo, pbpo-no-skip]}"
+        default=Analysis(),
+        # Left out of a plan's data where not given, so that the hashes of earlier plans stay valid.
+        exclude_if=lambda analysis: analysis == Analysis(),
+        description="a mapping such as {primary: [pbpo, pbpo-no-skip]}",
     )
     contact: StrictStr | None = Field(
         default=None, min_length=1, description="a text that says whom to ask"

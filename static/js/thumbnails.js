@@ -33,39 +33,70 @@ const watcher = new IntersectionObserver(
   { rootMargin: AHEAD },
 );
 
-for (const thumb of document.querySelectorAll("[data-thumb]")) {
-  const video = thumb.querySelector("video");
-  if (!video) {
-    continue;
+/** Videos that play of themselves while they are in view, until they are pressed. */
+const inView = new IntersectionObserver((entries) => {
+  for (const { isIntersecting, target } of entries) {
+    if (target instanceof HTMLVideoElement) {
+      if (isIntersecting) {
+        play(target);
+      } else {
+        target.pause();
+      }
+    }
   }
-  if ("ready" in video.dataset) {
-    watcher.observe(video);
-  }
-  video.loop = true;
-  if (!wantsLessMotion()) {
-    thumb.addEventListener("pointerenter", (event) => {
-      if (event instanceof PointerEvent && event.pointerType === "mouse") {
+});
+
+/** @param {ParentNode} root */
+export function watchThumbnails(root) {
+  for (const thumb of root.querySelectorAll("[data-thumb]")) {
+    const video = thumb.querySelector("video");
+    if (!video || !(thumb instanceof HTMLElement)) {
+      continue;
+    }
+    if ("ready" in video.dataset) {
+      watcher.observe(video);
+    }
+    video.loop = true;
+    if ("plays" in thumb.dataset && "ready" in video.dataset && !wantsLessMotion()) {
+      inView.observe(video);
+      thumb.addEventListener("click", (event) => {
+        event.preventDefault();
+        inView.unobserve(video);
+        if (video.paused) {
+          play(video);
+        } else {
+          video.pause();
+        }
+      });
+      continue;
+    }
+    if (!wantsLessMotion()) {
+      thumb.addEventListener("pointerenter", (event) => {
+        if (event instanceof PointerEvent && event.pointerType === "mouse") {
+          play(video);
+        }
+      });
+      thumb.addEventListener("focus", () => thumb.matches(":focus-visible") && play(video));
+    }
+    let playedBefore = false;
+    // The pointer or the focus has begun to play it by the time of a click: what counts is how it was before.
+    thumb.addEventListener("click", (event) => {
+      const again = playedBefore;
+      playedBefore = !again;
+      if (again) {
+        rest(video);
+      } else {
         play(video);
       }
+      event.preventDefault();
     });
-    thumb.addEventListener("focus", () => thumb.matches(":focus-visible") && play(video));
-  }
-  let playedBefore = false;
-  // The pointer or the focus has begun to play it by the time of a click: what counts is how it was before.
-  thumb.addEventListener("click", (event) => {
-    const again = playedBefore;
-    playedBefore = !again;
-    if (again) {
-      rest(video);
-    } else {
-      play(video);
+    for (const leaving of ["pointerleave", "blur"]) {
+      thumb.addEventListener(leaving, () => {
+        playedBefore = false;
+        rest(video);
+      });
     }
-    event.preventDefault();
-  });
-  for (const leaving of ["pointerleave", "blur"]) {
-    thumb.addEventListener(leaving, () => {
-      playedBefore = false;
-      rest(video);
-    });
   }
 }
+
+watchThumbnails(document);

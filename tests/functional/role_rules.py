@@ -231,6 +231,7 @@ RULES: Mapping[str, Rule] = {
     "GET /studies/{slug}/live": DATA,
     "GET /studies/{slug}/events": DATA,
     "GET /studies/{slug}/results": DATA,
+    "GET /studies/{slug}/results/answer": DATA,
     "GET /studies/{slug}/figures/{name}.{form}": DATA,
     "GET /studies/{slug}/sessions/{session_id}": DATA,
     "GET /studies/{slug}/sessions/{session_id}/figures/{trial_index}/{name}.{form}": DATA,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Container, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from itertools import groupby
@@ -13,8 +13,7 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session, joinedload, selectinload
 
 from app.services.context import AppContext
-from app.services.proposals.proposer import CandidateSet, RecordingRef
-from app.services.recordings.recordings import video_url
+from app.services.proposals.proposer import RecordingRef
 from app.services.runtime.errors import NotFoundError
 from app.services.studies.repository import StudyInfo
 from app.storage.models.studies import (
@@ -27,18 +26,8 @@ from app.storage.models.studies import (
     UndoneResponse,
 )
 
+from .candidate_videos import Video, video
 from .watch_summary import summary
-
-
-@dataclass(frozen=True)
-class Video:
-    """A recording that was shown. ready: its file exists and need not be rendered."""
-
-    candidate: int
-    parameters: Mapping[str, float]
-    url: str
-    ready: bool
-    score: float | None
 
 
 @dataclass(frozen=True)
@@ -182,8 +171,8 @@ def _trial(
         Asked(
             number=query.query_index + 1,
             trial_type=query.trial_type,
-            left=_video(there, space, query.left_candidate, query.left_recording),
-            right=_video(there, space, query.right_candidate, query.right_recording),
+            left=video(there, space, query.left_candidate, query.left_recording),
+            right=video(there, space, query.right_candidate, query.right_recording),
             response=query.response.response if query.response else None,
             skip_reason=query.response.skip_reason if query.response else None,
             seconds=_seconds(query),
@@ -203,18 +192,7 @@ def _trial(
         started_at=trial.started_at,
         ended_at=trial.ended_at,
         asked=asked,
-        best=tuple(_video(there, space, best, clip) for clip in clips if best is not None),
-    )
-
-
-def _video(there: Container[str], space: CandidateSet, candidate: int, recording: Any) -> Video:
-    point = map(float, space.candidates[candidate])
-    return Video(
-        candidate,
-        dict(zip(space.parameters, point, strict=True)),
-        video_url(recording.public_id),
-        recording.locator in there,
-        recording.score,
+        best=tuple(video(there, space, best, clip) for clip in clips if best is not None),
     )
 
 

@@ -16,8 +16,8 @@ from app.pbbo import Settings as OptimizerSettings
 from .computation import History
 from .step_cache import MAX_PURGED
 
-#: Cached posteriors, some kilobytes each: enough for the trials on several open session pages.
-MAX_POSTERIORS: Final = 128
+#: Cached posteriors, some kilobytes each: enough for the finished trials of a results page.
+MAX_POSTERIORS: Final = 2048
 
 #: Posterior mean and standard deviation, each (n,).
 Posterior = tuple[NDArray[np.float64], NDArray[np.float64]]

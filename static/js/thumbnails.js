@@ -57,7 +57,7 @@ export function watchThumbnails(root) {
       watcher.observe(video);
     }
     video.loop = true;
-    if ("plays" in thumb.dataset && "ready" in video.dataset && !wantsLessMotion()) {
+    if ("plays" in thumb.dataset && !wantsLessMotion()) {
       inView.observe(video);
       thumb.addEventListener("click", (event) => {
         event.preventDefault();

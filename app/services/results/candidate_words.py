@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from app.study.plan import Parameter, Plan
+from app.study.plan import Plan
+from app.study.search_space import Parameter
 
 
 def label(parameter: Parameter, plan: Plan) -> str:

@@ -10,6 +10,7 @@ from app.figures import bands, counts, intervals, maps, paths, side, slices, str
 from app.services.studies.repository import StudyInfo
 from app.study.search_space import Parameter
 
+from .candidate_words import label
 from .result import Result, Row
 
 #: Any Altair chart.
@@ -22,10 +23,8 @@ def draw(name: str, found: Result, study: StudyInfo) -> Chart:
 
 
 def axis_title(parameter: Parameter, study: StudyInfo) -> str:
-    """The axis title of a parameter: its label or else its name, with its unit."""
-    plan = study.plan
-    label = plan.text(parameter.label, plan.default_language) if parameter.label else parameter.name
-    named = label if label == parameter.name else f"{parameter.name}: {label.lower()}"
+    """The axis title of a parameter: its label as the study writes it, with its unit."""
+    named = label(parameter, study.plan)
     return f"{named} ({parameter.unit})" if parameter.unit else named
 
 

@@ -64,9 +64,12 @@ class _Trial:
 def liked_best(app: AppContext, request: Request) -> list[LikedBest]:
     """For each environment what is liked best in all, then under each of its conditions.
 
-    Fits the model of every finished trial that is not cached: some milliseconds each.
+    Fits the model of every finished trial that is not cached: some milliseconds each. Empty for a
+    study over ranges, whose trials share no list of candidates.
     """
     plan = request.study.plan
+    if plan.has_ranges:
+        return []
     with app.database.read() as db:
         trials = _trials(app, db, request)
     found: list[LikedBest] = []

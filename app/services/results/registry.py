@@ -18,11 +18,15 @@ from .result import Result
 
 @dataclass(frozen=True)
 class Finding:
-    """One entry. title: heading on the page. about: what the figure shows, in a sentence."""
+    """One entry. title: heading on the page. about: what the figure shows, in a sentence.
+
+    is_wide: whether the figure takes the whole width of a page.
+    """
 
     title: str
     about: str
     read: Callable[[Session, Request], Result]
+    is_wide: bool = False
 
 
 FINDINGS: Final[Mapping[str, Finding]] = MappingProxyType(
@@ -31,6 +35,7 @@ FINDINGS: Final[Mapping[str, Finding]] = MappingProxyType(
             "What was acquired",
             "The candidate that each finished trial ended with, per condition.",
             acquired.on_w,
+            is_wide=True,
         ),
         "acquired-scores": Finding(
             "Scores of what was acquired",
@@ -39,6 +44,7 @@ FINDINGS: Final[Mapping[str, Finding]] = MappingProxyType(
             " middle half; fewer than eight trials are dots. Stars: * p < .05, ** p < .01, paired"
             " t-tests corrected by Holm's method.",
             acquired_scores.scores_acquired,
+            is_wide=True,
         ),
         "win-rates": Finding(
             "Win rates",

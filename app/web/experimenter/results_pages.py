@@ -38,6 +38,7 @@ def results(
             "name": name,
             "title": finding.title,
             "about": finding.about,
+            "wide": finding.is_wide,
             "url": f"/studies/{study.slug}/figures/{name}",
             "query": f"?mode={mode}",
         }
@@ -72,7 +73,8 @@ def answer(study: DataOf, request: Request, app: AppDep, mode: str = "live") -> 
         }
         for name, answers in groups.items()
     ]
-    return page(request, "experimenter/_answer.html", {"environments": environments})
+    said = {"environments": environments, "has_ranges": study.plan.has_ranges}
+    return page(request, "experimenter/_answer.html", said)
 
 
 def _shown(app: AppContext, study: StudyInfo, found: LikedBest) -> dict[str, Any]:

@@ -18,7 +18,7 @@ from pathlib import Path, PurePosixPath
 from threading import Lock
 from typing import Any, Protocol
 
-from cachetools import TTLCache
+from cachetools import LRUCache, TTLCache
 from sqlalchemy import bindparam, select
 
 from app.crane import library
@@ -28,7 +28,7 @@ from app.services.recordings.stores.interface import InternalRedirect, SignedUrl
 from app.services.runtime.errors import GoneError, NotFoundError, StoreAwayError
 from app.services.runtime.settings import Settings
 from app.storage.database import Database
-from app.storage.models.studies import Recording, SessionRow
+from app.storage.models.studies import Candidate, Recording, SessionRow
 
 from .addresses import AddressedRecording, is_of_session
 
@@ -80,10 +80,10 @@ class Recordings:
         self._settings = settings
         self._stores = open_stores(settings)
         self._find = lru_cache(_MAX_SOURCES)(self._find_uncached)
-        self._of_id = lru_cache(_MAX_SOURCES)(self._of_id_uncached)
-        #: Ids and seeds of sessions that exist.
+        #: Ids and seeds of sessions that exist, and sources by primary key.
         self._sessions: TTLCache[tuple[int, int], bool] = TTLCache(_MAX_SOURCES, _SESSION_S)
-        self._sessions_lock = Lock()
+        self._by_id: LRUCache[int, Source] = LRUCache(_MAX_SOURCES)
+        self._cache_lock = Lock()
 
     @property
     def origin(self) -> str | None:
@@ -97,26 +97,40 @@ class Recordings:
     def of_session(self, shown: AddressedRecording) -> Source:
         """The source of a session's recording. Raises GoneError if the session was deleted.
 
-        The server made the address for a recording of the session's study, and recordings never
-        change, so only the session has to be looked up. That it exists is cached for a minute.
-        During that minute, the addresses of a session that another process has deleted remain valid
-        here.
+        That the session exists is cached for a minute. During that minute, the addresses of a
+        session that another process has deleted remain valid here.
         """
-        session = (shown.session_id, shown.seed)
-        with self._sessions_lock:
-            is_there = session in self._sessions
-        if not is_there:
-            with self._database.read() as db:
-                seed = db.scalar(_SEED, {"session_id": shown.session_id})
-            if seed is None or not is_of_session(shown, seed):
-                raise GoneError("the session that was shown this video is deleted")
-            with self._sessions_lock:
-                self._sessions[session] = True
-        return self._of_id(shown.recording_id)
+        held = self.of_session_cached(shown)
+        if held is not None:
+            return held
+        with self._database.read() as db:
+            place = {"recording_id": shown.recording_id, "session_id": shown.session_id}
+            row = db.execute(_SHOWN, place).one_or_none()
+        if row is None or not is_of_session(shown, row.seed):
+            raise GoneError("the session that was shown this video is deleted")
+        found = FoundSource(row.source, row.locator)
+        with self._cache_lock:
+            self._sessions[shown.session_id, shown.seed] = True
+            self._by_id[shown.recording_id] = found
+        return found
+
+    def of_session_cached(self, shown: AddressedRecording) -> Source | None:
+        """The same, if it is cached; None if it has to be read. Makes no call to the database."""
+        with self._cache_lock:
+            # Only the session has to be known: the server made the address for a recording of the
+            # session's study, and recordings never change.
+            is_known = (shown.session_id, shown.seed) in self._sessions
+            return self._by_id.get(shown.recording_id) if is_known else None
+
+    def local_file(self, source: Source) -> Path | None:
+        """The path of the file, there or not, if this server itself sends it from a folder."""
+        store, name = self._kept(source)
+        place = store.serve(name, head=False) if store.origin is None else None
+        return place if isinstance(place, Path) else None
 
     def clear_session_cache(self) -> None:
         """Forget which sessions exist, so that deleted sessions are refused now."""
-        with self._sessions_lock:
+        with self._cache_lock:
             self._sessions.clear()
 
     def is_available(self, source: Source) -> bool:
@@ -197,7 +211,8 @@ class Recordings:
     def delete(self, locators: Iterable[str]) -> None:
         """Delete studies' own videos by their locators. Tries all before raising StoreAwayError."""
         self._find.cache_clear()
-        self._of_id.cache_clear()
+        with self._cache_lock:
+            self._by_id.clear()
         self.clear_session_cache()
         left = []
         for locator in locators:
@@ -253,18 +268,13 @@ class Recordings:
             raise NotFoundError("there is no such recording")
         return FoundSource(row.source, row.locator)
 
-    def _of_id_uncached(self, recording_id: int) -> Source:
-        with self._database.read() as db:
-            row = db.execute(_SOURCE, {"recording_id": recording_id}).one_or_none()
-        if row is None:
-            raise GoneError("the study that had this video is deleted")
-        return FoundSource(row.source, row.locator)
 
-
-# Built once: for such small queries, building the statement takes as long as executing it.
-_SEED = select(SessionRow.seed).where(SessionRow.id == bindparam("session_id"))
-_SOURCE = select(Recording.source, Recording.locator).where(
-    Recording.id == bindparam("recording_id")
+# Built once: for such a small query, building the statement takes as long as executing it.
+_SHOWN = (
+    select(Recording.source, Recording.locator, SessionRow.seed)
+    .join(Candidate, Recording.candidate_id == Candidate.id)
+    .join(SessionRow, SessionRow.study_id == Candidate.study_id)
+    .where(Recording.id == bindparam("recording_id"), SessionRow.id == bindparam("session_id"))
 )
 
 

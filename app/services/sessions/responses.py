@@ -89,33 +89,62 @@ class _ResponseContext:
         return training_history(self.trial, self.record)
 
 
+@dataclass(frozen=True)
+class _StepNeeded:
+    """The step after this history has to be computed before the response can be stored."""
+
+    trial: TrialSpec
+    history: History
+
+
+@dataclass(frozen=True)
+class _Stored:
+    """The response is stored. opened: the query that follows in the same trial; session: its."""
+
+    opened: OpenQuery | None = None
+    session: SessionRow | None = None
+
+
 def respond(app: AppContext, token: str, answer: Answer) -> State:
     """Store a response with the query that follows it. Sent again, it changes nothing.
 
-    One transaction reads what the response is about. The step after it comes from the cache or is
-    computed, outside any transaction. One short transaction locks the session, checks again and
-    writes. The state is described from the values at hand.
+    If the step after it is cached, as it almost always is, one writing transaction reads, checks
+    and stores. Otherwise that transaction only reads; the step is computed outside any transaction,
+    and a second one stores it. The state is described from the values at hand.
     """
     with app.metrics.answering(answer.response):
+        attempt = _attempt(app, token, answer, None)
+        if isinstance(attempt, _StepNeeded):
+            step = app.proposer.step(attempt.trial, attempt.history)
+            # The history is still valid: undoing an earlier response would have deleted this query.
+            attempt = _attempt(app, token, answer, step)
+            assert not isinstance(attempt, _StepNeeded)
         with app.database.read() as db:
-            session = lookup.find(app, db, token)
-            query = queries.find(db, session, answer.query_id)
-            if not _is_new(session, query, answer):
-                return session_state.describe(app, db, session)
-            asked = _read(db, session, query, answer)
-        step = None if asked.is_practice else _step(app, asked)
-        with app.database.write() as db:
-            session = lookup.find(app, db, token, to_write=True)
-            query = queries.find(db, session, answer.query_id)
-            opened = None
-            if _is_new(session, query, answer):
-                # The history read before is still valid: undoing an earlier response would have
-                # deleted this query.
-                opened = _store(app, db, session, query, answer, asked, step)
-        with app.database.read() as db:
-            if opened is None:
-                session = lookup.find(app, db, token)
-            return session_state.describe(app, db, session, opened)
+            session = attempt.session or lookup.find(app, db, token)
+            return session_state.describe(app, db, session, attempt.opened)
+
+
+def _attempt(
+    app: AppContext, token: str, answer: Answer, step: NextStep | None
+) -> _StepNeeded | _Stored:
+    """Store a response and what follows, or write nothing if its step is neither given nor cached.
+
+    step: the step after the response, if it was computed for it.
+    """
+    with app.database.write() as db:
+        session = lookup.find(app, db, token, to_write=True)
+        query = queries.find(db, session, answer.query_id)
+        if not _is_new(session, query, answer):
+            return _Stored()
+        asked = _read(db, session, query, answer)
+        if not asked.is_practice:
+            is_computed = step is not None
+            step = step or app.proposer.cached_step(asked.trial, asked.history)
+            if step is None:
+                return _StepNeeded(asked.trial, asked.history)
+            app.metrics.step_asked(ahead=not is_computed)
+        opened = _store(app, db, session, query, answer, asked, step)
+    return _Stored(opened, session if opened is not None else None)
 
 
 def _read(db: Session, session: SessionRow, query: QueryRow, answer: Answer) -> _ResponseContext:
@@ -137,13 +166,6 @@ def _read(db: Session, session: SessionRow, query: QueryRow, answer: Answer) -> 
     return _ResponseContext(
         trial, (*before, _shown(query, answer.response, answer.skip_reason)), is_practice
     )
-
-
-def _step(app: AppContext, asked: _ResponseContext) -> NextStep:
-    """The step after the response, from the cache or computed now."""
-    step = app.proposer.cached_step(asked.trial, asked.history)
-    app.metrics.step_asked(ahead=step is not None)
-    return step or app.proposer.step(asked.trial, asked.history)
 
 
 def _store(

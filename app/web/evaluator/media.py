@@ -40,12 +40,29 @@ MADE_WITHIN_S = 50.0
 )
 async def recording(public_id: str, request: Request, app: AppDep) -> Response:
     """A recording's video; it is rendered first if it does not exist yet."""
+    from_memory = _from_memory(app, public_id, request)
+    if from_memory is not None:
+        return from_memory
     # One call in a thread if the video exists: on a busy server each waits for its thread.
     begun = await run_in_threadpool(_begun, app, public_id, request)
     if isinstance(begun, _Coming):
         await _until_made(begun.made)
         begun = await run_in_threadpool(_answer, app, public_id, begun.source, request)
     return begun
+
+
+def _from_memory(app: AppContext, name: str, request: Request) -> Response | None:
+    """The response if everything it needs is in this process's and the kernel's caches, else None.
+
+    Most videos are. The event loop answers these itself: handing them to threads takes longer, and
+    threads compete with responses for the interpreter.
+    """
+    shown = app.addresses.opened(name)
+    source = None if shown is None else app.recordings.of_session_cached(shown)
+    file = None if source is None else app.recordings.local_file(source)
+    if file is None:
+        return None
+    return _not_modified(name, request) or video_file.answer_from_memory(file, request, _kept(name))
 
 
 @dataclass(frozen=True)
@@ -73,9 +90,8 @@ async def _until_made(made: Future[Any]) -> None:
 def _begun(app: AppContext, public_id: str, request: Request) -> Response | _Coming:
     """The response if the video exists or the browser has it; else its rendering is started."""
     source = _source(app, public_id)
-    if request.headers.get("if-none-match") == _etag(public_id):
-        headers = {"ETag": _etag(public_id), "Cache-Control": KEPT}
-        return Response(status_code=304, headers=headers)
+    if not_modified := _not_modified(public_id, request):
+        return not_modified
     made = app.recordings.ensure(source)
     is_there = made.done() and made.exception() is None
     return _answer(app, public_id, source, request) if is_there else _Coming(source, made)
@@ -95,12 +111,24 @@ def _answer(app: AppContext, public_id: str, source: Source, request: Request) -
     if isinstance(place, SignedUrl):
         kept = f"private, max-age={place.seconds}"
         return RedirectResponse(place.url, 307, headers={"Cache-Control": kept})
-    headers = {"Cache-Control": KEPT, "ETag": _etag(public_id)}
+    headers = _kept(public_id)
     if isinstance(place, InternalRedirect):
         # No body: the proxy replaces it with the file or the requested range.
         sent_by_proxy = {TO_PROXY: place.address, **headers}
         return Response(media_type=form_of(place.address), headers=sent_by_proxy)
     return video_file.answer(place, request, headers)
+
+
+def _not_modified(public_id: str, request: Request) -> Response | None:
+    """The response if the browser has the video already, otherwise None."""
+    if request.headers.get("if-none-match") != _etag(public_id):
+        return None
+    return Response(status_code=304, headers=_kept(public_id))
+
+
+def _kept(public_id: str) -> dict[str, str]:
+    """The headers by which browsers keep a video."""
+    return {"Cache-Control": KEPT, "ETag": _etag(public_id)}
 
 
 def _etag(public_id: str) -> str:

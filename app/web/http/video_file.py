@@ -12,6 +12,7 @@ from starlette.types import Message, Receive, Scope, Send
 
 from app.services.recordings.stores.interface import form_of
 from app.services.runtime.errors import StoreAwayError
+from app.storage import page_cache
 
 #: Bytes read at a time. Most videos fit into one piece.
 PIECE = 1024 * 1024
@@ -22,13 +23,30 @@ _ALL = (None, "bytes=0-")
 
 def answer(file: Path, request: Request, headers: Mapping[str, str]) -> Response:
     """The file, or the requested range of it."""
-    form, wanted = form_of(file.name), request.headers.get("range")
-    is_plain = request.method == "GET" and "if-range" not in request.headers
-    content = _one_piece(file) if is_plain and wanted in _ALL else None
+    content = _one_piece(file) if _is_whole(request) else None
     if content is None:
-        return _InPieces(file, media_type=form, headers=headers)
-    sent = {"Accept-Ranges": "bytes", **headers}
-    if wanted is None:
+        return _InPieces(file, media_type=form_of(file.name), headers=headers)
+    return _whole(file, content, request, headers)
+
+
+def answer_from_memory(file: Path, request: Request, headers: Mapping[str, str]) -> Response | None:
+    """The whole file if that is requested and the kernel has it in its page cache, otherwise None.
+
+    It waits for no disk, so the event loop may call it. Always None where the system cannot tell.
+    """
+    content = page_cache.read(file, PIECE) if _is_whole(request) else None
+    return None if content is None else _whole(file, content, request, headers)
+
+
+def _is_whole(request: Request) -> bool:
+    """Whether the request is for the whole file."""
+    is_plain = request.method == "GET" and "if-range" not in request.headers
+    return is_plain and request.headers.get("range") in _ALL
+
+
+def _whole(file: Path, content: bytes, request: Request, headers: Mapping[str, str]) -> Response:
+    form, sent = form_of(file.name), {"Accept-Ranges": "bytes", **headers}
+    if "range" not in request.headers:
         return Response(content, 200, sent, form)
     sent["Content-Range"] = f"bytes 0-{len(content) - 1}/{len(content)}"
     return Response(content, 206, sent, form)

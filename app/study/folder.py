@@ -78,7 +78,7 @@ class Examination:
 
     study: None if there are faults. remarks: how tables were understood, and what is worth knowing
     of the videos. unused: files that no part of the study names. sources: the tables that were
-    read, by the name that the plan gives them.
+    read, by the name that the plan gives them. can_mend: whether slips of YAML can be put right.
     """
 
     study: StudyFolder | None
@@ -87,6 +87,7 @@ class Examination:
     unused: tuple[str, ...] = ()
     data: Mapping[str, object] = field(default_factory=dict)
     sources: Mapping[str, str] = field(default_factory=dict)
+    can_mend: bool = False
 
 
 def load(
@@ -141,7 +142,10 @@ def examine(
     study = None
     if not faults and reading.plan is not None:
         study = StudyFolder(folder, reading.plan, texts, tuple(recordings), remarks, unused)
-    return Examination(study, tuple(faults), remarks, unused, reading.data, reader.sources)
+    can_mend = bool(reading.slips)
+    return Examination(
+        study, tuple(faults), remarks, unused, reading.data, reader.sources, can_mend
+    )
 
 
 def unused_files(folder: Path, used: set[str]) -> tuple[str, ...]:

@@ -1,7 +1,8 @@
 """Parses the text of `study.yaml` into a Plan, or into every fault with its line."""
 
+import datetime
 import difflib
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice
 from typing import Any, get_args
@@ -14,6 +15,7 @@ from .plan import Plan
 from .plan_validation import inconsistencies
 from .search_space import SearchSpace, space_of
 from .validation_errors import Fault
+from .yaml_slips import Slip, mend
 from .yaml_source import YamlSource, YamlSyntaxError, read_yaml
 
 STUDY_FILE = "study.yaml"
@@ -30,12 +32,16 @@ SpaceCheck = Callable[[SearchSpace], Iterable[Inconsistency]]
 
 @dataclass(frozen=True)
 class PlanReading:
-    """The result of parsing: a plan if there is no fault, and the data as far as it is readable."""
+    """The result of parsing: a plan if there is no fault, and the data as far as it is readable.
+
+    slips: slips of YAML, without which the text can be read.
+    """
 
     plan: Plan | None
     data: Mapping[str, object]
     faults: tuple[Fault, ...]
     lines: YamlSource | None = None
+    slips: tuple[Slip, ...] = ()
 
 
 def read_plan(
@@ -44,13 +50,21 @@ def read_plan(
     space_check: SpaceCheck | None = None,
 ) -> PlanReading:
     """Parse and validate the text, with the given checks if any."""
+    slips: tuple[Slip, ...] = ()
     try:
         source = read_yaml(text)
     except YamlSyntaxError as error:
-        fault = Fault(STUDY_FILE, error.problem.line, error.problem.message)
-        return PlanReading(None, {}, (fault,))
+        mended = mend(text)
+        try:
+            # Whatever else is wrong is named as well.
+            source = read_yaml(mended.text if mended else text)
+        except YamlSyntaxError:
+            fault = Fault(STUDY_FILE, error.problem.line, error.problem.message)
+            return PlanReading(None, {}, (fault,))
+        slips = mended.slips if mended else ()
     plan: Plan | None = None
-    found = [Fault(STUDY_FILE, problem.line, problem.message) for problem in source.problems]
+    found = [Fault(STUDY_FILE, slip.line, slip.message) for slip in slips]
+    found += [Fault(STUDY_FILE, problem.line, problem.message) for problem in source.problems]
     try:
         plan = Plan.model_validate(source.data)
     except ValidationError as error:
@@ -59,6 +73,7 @@ def read_plan(
             for details in error.errors(include_url=False)
             if details["type"] != "inconsistent"
         ]
+        said = [details for details in said if not _follows(details, said)]
         found.extend(
             _fault(source, _place(details), _message(details)) for details in said[:MOST_FAULTS]
         )
@@ -76,7 +91,7 @@ def read_plan(
         found.extend(_fault(source, one.place, one.message) for one in space_check(space))
     # A field of two wrong parts (a text in two languages) is named once.
     faults = tuple(dict.fromkeys(sorted(found, key=lambda fault: fault.line or 0)))
-    return PlanReading(None if faults else plan, source.data, faults, source)
+    return PlanReading(None if faults else plan, source.data, faults, source, slips)
 
 
 def _settings_faults(source: YamlSource, settings_check: SettingsCheck) -> list[Fault]:
@@ -100,6 +115,15 @@ def _place(details: ErrorDetails) -> Place:
     return place[:-1] if place and place[-1] == NAME_MARK else place
 
 
+def _follows(details: ErrorDetails, all_details: Sequence[ErrorDetails]) -> bool:
+    """Whether a list counts as too short only because its entries have faults."""
+    place = details["loc"]
+    return details["type"] == "too_short" and any(
+        other["loc"][: len(place)] == place and len(other["loc"]) > len(place)
+        for other in all_details
+    )
+
+
 def _message(details: ErrorDetails) -> str:
     """Our words for what pydantic found, out of the description of the field it found it in."""
     place, value = details["loc"], details["input"]
@@ -111,11 +135,22 @@ def _message(details: ErrorDetails) -> str:
         near = difflib.get_close_matches(str(place[-1]), known, n=1)
         hint = f" (did you mean {near[0]}?)" if near else ""
         return f"unknown key, expected one of {', '.join(known)}{hint}"
+    hint = _hint(value)
     if place and place[-1] == NAME_MARK:
         return f"expected {expectation}, got the name {shown(value)}"
     if place and isinstance(place[-1], int):
-        return f"expected an entry of {expectation}, got {shown(value)}"
-    return f"expected {expectation}, got {shown(value)}"
+        return f"expected an entry of {expectation}, got {shown(value)}{hint}"
+    return f"expected {expectation}, got {shown(value)}{hint}"
+
+
+def _hint(value: object) -> str:
+    """What YAML made of a word, if a text was meant."""
+    if isinstance(value, bool):
+        words = "yes, on and true" if value else "no, off and false"
+        return f" (YAML reads {words} so: put quotes around the word if you mean it as a text)"
+    if isinstance(value, datetime.date):
+        return " (put quotes around it if you mean it as a text)"
+    return ""
 
 
 def _where(place: Place) -> tuple[type[BaseModel], str]:
@@ -151,6 +186,8 @@ def shown(value: object) -> str:
         return "nothing"
     if isinstance(value, bool):
         return "true" if value else "false"
+    if isinstance(value, datetime.date):
+        return f"the date {value.isoformat()}"
     if isinstance(value, list | tuple):
         return "an empty list" if not value else f"a list of {len(value)}"
     if isinstance(value, Mapping):

@@ -215,6 +215,7 @@ RULES: Mapping[str, Rule] = {
     "POST /drafts/{public_id}/text": MY_DRAFT_FORM.with_(form={"file": "a.md", "text": "b"}),
     "GET /drafts/{public_id}/settings": MY_DRAFT,
     "POST /drafts/{public_id}/settings": MY_DRAFT_FORM.with_(form={"queries": "3"}),
+    "POST /drafts/{public_id}/mend": MY_DRAFT_FORM,
     "POST /drafts/{public_id}/parameters": MY_DRAFT_FORM,
     "POST /drafts/{public_id}/transcode": MY_DRAFT_FORM,
     "POST /drafts/{public_id}/create": MY_DRAFT_FORM,

@@ -67,7 +67,7 @@ HOSTILE: list[tuple[Callable[[], bytes], str]] = [
     (lambda: packed(("../../study.yaml", b"x")), "leads out of it"),
     (lambda: packed(("/etc/cron.d/x", b"x")), "the absolute"),
     (lambda: packed(("C:/x.yaml", b"x")), "the absolute"),
-    (lambda: packed(("videos\\..\\..\\x.mp4", b"x")), "forward slashes"),
+    (lambda: packed(("videos\\..\\..\\x.mp4", b"x")), "leads out of it"),
     (lambda: packed(("a\u202e.mp4", b"x")), "letters that can be seen"),
     (lambda: packed((".ssh/authorized_keys", b"x")), "hidden"),
     (lambda: packed(("a" * 300, b"x")), "at most 200 characters"),
@@ -95,7 +95,9 @@ def test_a_hostile_zip_is_refused_with_a_sentence_and_leaves_nothing(
 
 
 def test_everything_that_is_wrong_with_a_zip_is_said_at_once(desk: Desk) -> None:
-    answer = desk.send("/drafts", {"study.zip": packed(("../a", b"x"), ("/b", b"x"), (".c", b"x"))})
+    answer = desk.send(
+        "/drafts", {"study.zip": packed(("../a", b"x"), ("/b", b"x"), ("a\u202e.c", b"x"))}
+    )
     assert answer.text.count("<li>Expected") == 3
 
 

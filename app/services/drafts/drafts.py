@@ -9,7 +9,7 @@ from __future__ import annotations
 import io
 import shutil
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path, PurePosixPath
 
@@ -40,6 +40,7 @@ from app.study.table_encoding import decode
 from app.study.tables import TABLE_ENDINGS
 from app.study.text_diff import text_hash
 from app.study.validation_errors import Fault, UnreadableFileError, grouped
+from app.study.yaml_slips import mend
 
 from . import files as draft_files
 from . import slugs as draft_slugs
@@ -79,16 +80,18 @@ class Checked:
     """The result of a check: the study, or the faults by file.
 
     remarks: how tables were understood, and what is worth knowing of videos. unused: files that
-    nothing names. stored: by table, how it was converted when it was stored. can_take_parameters:
-    whether the plan's parameters are others than those of its table.
+    nothing names. notes: what was done with the files when they were stored. can_take_parameters:
+    whether the plan's parameters are others than those of its table. can_mend: whether the slips of
+    YAML in the plan can be put right.
     """
 
     study: StudyFolder | None
     faults: Mapping[str, Sequence[Fault]]
     remarks: Sequence[Fault] = ()
     unused: Sequence[str] = ()
-    stored: Mapping[str, str] = field(default_factory=dict)
+    notes: Sequence[str] = ()
     can_take_parameters: bool = False
+    can_mend: bool = False
 
     @property
     def can_be_transcoded(self) -> int:
@@ -294,6 +297,17 @@ def write_text(
             table_intake.take(draft.folder, [path.relative_to(draft.folder).as_posix()])
 
 
+def mend_plan(app: AppContext, draft: Draft) -> None:
+    """Write the plan as it reads once the slips of YAML in it are mended.
+
+    Raises UploadRefusedError if they cannot be.
+    """
+    mended = mend(text_of(draft, STUDY_FILE))
+    if mended is None:
+        raise UploadRefusedError([f"Expected slips in {STUDY_FILE} that can be put right."])
+    write_text(app, draft, STUDY_FILE, mended.text)
+
+
 def take_parameters(app: AppContext, draft: Draft) -> None:
     """Write the parameters of the draft's table into its plan.
 
@@ -321,8 +335,12 @@ def check(app: AppContext, draft: Draft) -> Checked:
         faults,
         found.remarks,
         found.unused,
-        table_intake.notes(draft.folder),
+        [
+            *draft_files.upload_notes(draft.folder),
+            *table_intake.notes(draft.folder).values(),
+        ],
         table_intake.differs(draft.folder, found.data),
+        found.can_mend,
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
@@ -17,9 +18,12 @@ from app.study.yaml_source import read_yaml
 from . import table_intake, uploads
 from .upload_names import name_conflicts
 from .uploads import UploadRefusedError
+from .zip_layout import is_left_out, named, usual_place
 
 #: The name of a draft's table.
 TABLE = "recordings.csv"
+#: Hidden file with what is to be said of the last upload.
+UPLOAD_NOTES = ".upload.json"
 
 
 @dataclass(frozen=True)
@@ -37,6 +41,11 @@ def store(folder: Path, sent: Sequence[Sent], limit: int) -> list[str]:
     """
     names: list[str] = []
     faults: list[str] = []
+    notes: list[str] = []
+    hidden = [one.name for one in sent if is_left_out(one.name)]
+    if hidden and len(hidden) < len(sent):
+        notes.append(f"left out, since they are hidden or added by a system: {named(hidden)}")
+        sent = [one for one in sent if not is_left_out(one.name)]
     for one in sent:
         try:
             names.append(uploads.safe_name(one.name))
@@ -55,11 +64,23 @@ def store(folder: Path, sent: Sequence[Sent], limit: int) -> list[str]:
     for place, one in zip(places, sent, strict=True):
         left = limit - uploads.size_of(folder)
         if is_zip(one):
-            stored.extend(uploads.unpack(one.content, folder, left))
+            unpacked = uploads.unpack(one.content, folder, left)
+            stored.extend(unpacked.names)
+            notes.extend(f"{one.name}: {note}" for note in unpacked.notes)
             continue
         uploads.write_file(one.content, folder / place, left)
         stored.append(place)
+    (folder / UPLOAD_NOTES).write_text(json.dumps(notes), encoding="utf-8")
     return stored
+
+
+def upload_notes(folder: Path) -> list[str]:
+    """What was left out of the last upload, or taken otherwise than it was named."""
+    try:
+        found = json.loads((folder / UPLOAD_NOTES).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return []
+    return list(map(str, found)) if isinstance(found, list) else []
 
 
 def add_scaffold(folder: Path, title: str, slug: str) -> None:
@@ -83,6 +104,9 @@ def is_zip(one: Sent) -> bool:
 def _target_path(folder: Path, name: str) -> str:
     """The path of a file in the folder: that of an existing file of this name, or by its ending."""
     path = PurePosixPath(name)
+    usual = usual_place(name)
+    if usual != name and not (folder / usual).exists():
+        return usual
     if len(path.parts) > 1:
         return name
     same = _files_named(folder, path.name)
@@ -90,8 +114,8 @@ def _target_path(folder: Path, name: str) -> str:
         return same[0].relative_to(folder).as_posix()
     if path.suffix.lower() in VIDEO_ENDINGS:
         return f"videos/{name}"
-    if path.suffix == ".md" and path.stem in (WELCOME, *TEXT_NAMES):
-        return f"texts/en/{name}"
+    if path.suffix.lower() == ".md" and path.stem.casefold() in (WELCOME, *TEXT_NAMES):
+        return f"texts/en/{name.casefold()}"
     return name
 
 

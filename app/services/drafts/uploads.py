@@ -11,14 +11,16 @@ import shutil
 import stat
 import zipfile
 import zlib
-from collections.abc import Iterable
-from pathlib import Path, PurePosixPath
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
 from typing import IO
 
 from app.services.runtime.errors import ServiceError
 from app.study.shortening import shortened
 
 from .upload_names import name_conflicts, name_fault, normal
+from .zip_layout import Layout, is_left_out, lay_out, named, names_of
 
 #: How many faults an error lists; of the others it gives the number.
 MOST_FAULTS_NAMED = 20
@@ -29,8 +31,6 @@ LARGEST_RATIO = 200
 #: Bytes up to which the ratio is not checked: a small repetitive file is harmless.
 RATIO_COUNTS_FROM = 1_000_000
 _PIECE = 1 << 20
-#: Names of metadata that operating systems add to zips.
-_OS_METADATA = ("__MACOSX", ".DS_Store", "Thumbs.db", "desktop.ini")
 _ENCRYPTED = 0x1
 
 
@@ -77,20 +77,49 @@ def write_file(content: IO[bytes], target: Path, limit: int) -> int:
     return size
 
 
-def unpack(packed: IO[bytes], folder: Path, limit: int) -> list[str]:
-    """Unpack a zip into the folder, replacing files of the same names; return the names.
+@dataclass(frozen=True)
+class Unpacked:
+    """The names of unpacked files, and sentences on what was left out or taken otherwise."""
 
-    A single top-level folder is stripped. limit: total bytes allowed. Raises UploadRefusedError
-    with all faults, in which case the folder is unchanged.
+    names: list[str]
+    notes: list[str]
+
+
+def unpack(packed: IO[bytes], folder: Path, limit: int) -> Unpacked:
+    """Unpack a zip into the folder, replacing files of the same names.
+
+    Folders around the study are taken away; hidden files are left out. limit: total bytes allowed.
+    Raises UploadRefusedError with all faults, in which case the folder is unchanged.
     """
     try:
         with zipfile.ZipFile(packed) as archive:
-            entries = [entry for entry in archive.infolist() if not _is_os_metadata(entry)]
-            faults = list(_faults(packed, entries, limit))
+            every = [entry for entry in archive.infolist() if not entry.is_dir()]
+            entries = [entry for entry in every if not is_left_out(entry.filename)]
+            if len(entries) > MOST_FILES:
+                raise UploadRefusedError(
+                    [f"Expected at most {MOST_FILES} files in the zip, got {len(entries)}."]
+                )
+            if every and not entries:
+                raise UploadRefusedError(["Expected files in the zip, got none but hidden ones."])
+            sizes = list(_size_faults(packed, entries, limit))
+            # A zip that is not what it says is not read, not even its tables.
+            names = {one.header_offset: one.filename for one in entries}
+            if not sizes:
+                names = names_of(archive, entries)
+            faults = [*sizes, *_faults(entries, names)]
             if faults:
                 raise UploadRefusedError(faults)
+            layout = lay_out(names, entries, folder)
+            if layout.faults:
+                raise UploadRefusedError(layout.faults)
             most = max(RATIO_COUNTS_FROM, LARGEST_RATIO * _size(packed))
-            return _extract(archive, entries, folder, min(limit, most))
+            extracted = _extract(archive, layout, folder, min(limit, most))
+            notes = list(layout.notes)
+            hidden = len(every) - len(entries)
+            if hidden:
+                what = "a hidden file, or one" if hidden == 1 else f"{hidden} files, hidden or"
+                notes.append(f"left out: {what} that a system adds")
+            return Unpacked(extracted, notes)
     except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError) as error:
         raise UploadRefusedError([f"Expected a zip, got a damaged one or none: {error}."]) from None
     except OSError as error:
@@ -102,11 +131,8 @@ def _unwritable(error: OSError) -> UploadRefusedError:
     return UploadRefusedError([f"Expected files that can be written, got: {said}."])
 
 
-def _extract(
-    archive: zipfile.ZipFile, entries: list[zipfile.ZipInfo], folder: Path, limit: int
-) -> list[str]:
-    root = _common_root([entry.filename for entry in entries])
-    places = [normal(entry.filename).relative_to(root) for entry in entries]
+def _extract(archive: zipfile.ZipFile, layout: Layout, folder: Path, limit: int) -> list[str]:
+    places = [normal(name) for _, name in layout.places]
     faults = name_conflicts((place.as_posix() for place in places), folder)
     if faults:
         raise UploadRefusedError(faults)
@@ -115,7 +141,7 @@ def _extract(
     names = []
     try:
         left = limit
-        for entry, name in zip(entries, places, strict=True):
+        for (entry, _), name in zip(layout.places, places, strict=True):
             target = part / name
             target.parent.mkdir(parents=True, exist_ok=True)
             with archive.open(entry) as content, target.open("wb") as file:
@@ -139,12 +165,12 @@ def _copy(content: IO[bytes], file: IO[bytes], limit: int, name: str) -> int:
     return size
 
 
-def _faults(packed: IO[bytes], entries: list[zipfile.ZipInfo], limit: int) -> Iterable[str]:
+def _size_faults(packed: IO[bytes], entries: list[zipfile.ZipInfo], limit: int) -> Iterable[str]:
     if not entries:
         yield "Expected files in the zip, got none."
-    if len(entries) > MOST_FILES:
-        yield f"Expected at most {MOST_FILES} files in the zip, got {len(entries)}."
-        return
+    locked = [entry.filename for entry in entries if entry.flag_bits & _ENCRYPTED]
+    if locked:
+        yield f"Expected files without a password, got {len(locked)} with one: {named(locked, 3)}."
     total = sum(entry.file_size for entry in entries)
     if total > limit:
         came = _megabytes(total)
@@ -156,7 +182,17 @@ def _faults(packed: IO[bytes], entries: list[zipfile.ZipInfo], limit: int) -> It
             f" {_megabytes(size)} that would grow to {_megabytes(total)}."
         )
     for entry in entries:
-        name = entry.filename
+        is_large = entry.file_size > RATIO_COUNTS_FROM
+        if is_large and entry.file_size > LARGEST_RATIO * max(entry.compress_size, 1):
+            yield (
+                f"Expected files that pack to no less than 1/{LARGEST_RATIO} of their size,"
+                f" and {entry.filename!r} would grow to {_megabytes(entry.file_size)}."
+            )
+
+
+def _faults(entries: list[zipfile.ZipInfo], names: Mapping[int, str]) -> Iterable[str]:
+    for entry in entries:
+        name = names[entry.header_offset]
         fault = name_fault(name)
         if fault is not None:
             yield fault
@@ -165,17 +201,6 @@ def _faults(packed: IO[bytes], entries: list[zipfile.ZipInfo], limit: int) -> It
         if kind not in (0, stat.S_IFREG):
             what = "a link" if kind == stat.S_IFLNK else "something else"
             yield f"Expected plain files in the zip, and {name!r} is {what}."
-        if entry.flag_bits & _ENCRYPTED:
-            yield f"Expected files without a password, and {name!r} has one."
-        is_large = entry.file_size > RATIO_COUNTS_FROM
-        if is_large and entry.file_size > LARGEST_RATIO * max(entry.compress_size, 1):
-            yield (
-                f"Expected files that pack to no less than 1/{LARGEST_RATIO} of their size,"
-                f" and {name!r} would grow to {_megabytes(entry.file_size)}."
-            )
-    yield from name_conflicts(
-        entry.filename for entry in entries if name_fault(entry.filename) is None
-    )
 
 
 def _size(packed: IO[bytes]) -> int:
@@ -184,24 +209,6 @@ def _size(packed: IO[bytes]) -> int:
     size = packed.seek(0, io.SEEK_END)
     packed.seek(here)
     return size
-
-
-def _is_os_metadata(entry: zipfile.ZipInfo) -> bool:
-    parts = PurePosixPath(entry.filename).parts
-    return entry.is_dir() or any(part in _OS_METADATA for part in parts)
-
-
-def _common_root(names: list[str]) -> PurePosixPath:
-    """The single top-level folder of all names, if there is one; else the empty path.
-
-    A folder that is a study's own (texts, videos) is no such folder.
-    """
-    paths = [normal(name) for name in names]
-    first = paths[0].parts[0]
-    has_root = all(len(path.parts) > 1 and path.parts[0] == first for path in paths)
-    return (
-        PurePosixPath(first) if has_root and first not in ("texts", "videos") else PurePosixPath()
-    )
 
 
 def _megabytes(size: int) -> str:

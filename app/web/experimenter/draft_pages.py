@@ -142,6 +142,17 @@ def create(public_id: str, request: Request, app: AppDep, caller: SignedIn) -> R
     return RedirectResponse(f"/studies/{info.slug}", status_code=303)
 
 
+@router.post("/drafts/{public_id}/mend", dependencies=[OwnForm])
+def mend(public_id: str, request: Request, app: AppDep, caller: SignedIn) -> Response:
+    """Put the slips of YAML in the plan right."""
+    draft = drafts.find(app, caller, public_id)
+    try:
+        drafts.mend_plan(app, draft)
+    except UploadRefusedError as error:
+        return _draft_page(request, caller, draft, app, error.faults)
+    return _to(draft)
+
+
 @router.post("/drafts/{public_id}/parameters", dependencies=[OwnForm])
 def take_parameters(public_id: str, request: Request, app: AppDep, caller: SignedIn) -> Response:
     """Write the parameters of the table into the plan."""

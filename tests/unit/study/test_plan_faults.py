@@ -115,7 +115,8 @@ Faults = Callable[[Path], list[str]]
             "{label: no}",
             (
                 "study.yaml:14: conditions[0].skip.label: expected a text, or one text per language"
-                " such as {en: ..., ja: ...}, got false"
+                " such as {en: ..., ja: ...}, got false (YAML reads no, off and false so: put"
+                " quotes around the word if you mean it as a text)"
             ),
         ),
         (
@@ -161,7 +162,7 @@ Faults = Callable[[Path], list[str]]
         (
             "title: Kettles",
             "title: Kettles: hot",
-            "study.yaml:3: expected YAML, got a slip: mapping values are not allowed here",
+            'study.yaml:3: expected quotes around the text: write title: "Kettles: hot"',
         ),
         (
             "title: Kettles",

@@ -12,7 +12,16 @@ from rich.table import Table
 from sqlalchemy.exc import OperationalError
 from typer.exceptions import Abort, Exit, TyperException
 
-from app.commands import account, backup, export, lifecycle, retention, transcode, worker
+from app.commands import (
+    account,
+    backup,
+    export,
+    lifecycle,
+    machine,
+    retention,
+    transcode,
+    worker,
+)
 from app.commands.options import (
     Address,
     DataDir,
@@ -47,6 +56,7 @@ study_app.add_typer(transcode.app)
 commands.add_typer(study_app, name="study")
 commands.add_typer(media_app, name="media")
 commands.add_typer(account.commands, name="account")
+commands.add_typer(machine.commands, name="machine")
 commands.add_typer(link_app, name="link")
 commands.add_typer(retention.commands, name="retention")
 commands.command()(export.export)

@@ -15,7 +15,7 @@ from app.services.bootstrap import open_app
 from app.services.context import AppContext
 from app.services.maintenance import periodic_tasks
 from app.services.runtime.settings import Settings
-from app.web.api import export_routes, session_routes
+from app.web.api import export_routes, machine_calls, rollout_routes, session_routes, work_polling
 from app.web.evaluator import (
     deleted_study_pages,
     entry_pages,
@@ -109,6 +109,8 @@ def create_app(
     # A server that is told to stop says so here, so that streams end before it waits for them.
     fastapi_app.state.stopping = lambda: False
     fastapi_app.state.streams = server_sent_events.Streams()
+    fastapi_app.state.work_polling = work_polling.WorkPolling()
+    fastapi_app.state.machine_calls = machine_calls.CallLimit()
     problems.install(fastapi_app)
     deleted_study_pages.install(fastapi_app)
     fastapi_app.add_middleware(body_limit.BodyLimit)
@@ -122,6 +124,7 @@ def create_app(
         health_routes,
         session_routes,
         export_routes,
+        rollout_routes,
         media,
         entry_pages,
         stage_pages,

@@ -105,6 +105,8 @@ NO_LINK = Rule("whoever has the link of the pilot", dict.fromkeys(CALLERS, 403))
 _FIRST_PAGES = (("GET", ""), ("GET", "/consent"), ("POST", "/consent"))
 NO_SESSION = Rule("whoever holds the session's token", dict.fromkeys(CALLERS, 401))
 
+NO_MACHINE = Rule("whoever holds the token of a machine", dict.fromkeys(CALLERS, 401))
+
 #: A job of the owner's.
 JOB = "the-owners-job"
 BOB = {"email": "bob@lab.example"}
@@ -244,6 +246,19 @@ RULES: Mapping[str, Rule] = {
     "GET /api/v1/studies/{slug}/export.zip": API_DATA,
     "GET /api/v1/studies/{slug}/report.{form}": API_DATA.with_(params={"form": "html"}),
     "GET /api/v1/studies/{slug}/export/{table}.csv": API_DATA.with_(params={"table": "sessions"}),
+    "GET /api/v1/studies/{slug}/rollouts": API_DATA,
+    # Of a machine: an account opens none of them (test_rollout_calls has what its token opens).
+    **{
+        f"{method} /api/v1/studies/{{slug}}/rollouts/{step}": NO_MACHINE.with_(json=body)
+        for method, step, body in (
+            ("POST", "claim", {}),
+            ("POST", "{rollout_id}/heartbeat", {}),
+            ("PUT", "{rollout_id}/recording", None),
+            ("POST", "{rollout_id}/measurements", {}),
+            ("POST", "{rollout_id}/failed", {"reason": "x"}),
+            ("POST", "{rollout_id}/unsafe", {"reason": "x"}),
+        )
+    },
     # What changes it.
     "GET /studies/{slug}/manage": CHANGE,
     "GET /studies/{slug}/texts": CHANGE,

@@ -152,6 +152,30 @@ class KnownPersonError(ConflictError):
         self.may_resume = may_resume
 
 
+class LeaseLostError(ConflictError):
+    """A machine reports on a rollout that it does not hold any more."""
+
+
+class OtherBytesError(ConflictError):
+    """A machine sends another recording of a rollout that it has already recorded."""
+
+
+class UploadOffsetError(ConflictError):
+    """A part of an upload does not continue what has arrived. received: bytes that have."""
+
+    def __init__(self, message: str, received: int) -> None:
+        super().__init__(message)
+        self.received = received
+
+
+class RecordingRefusedError(ServiceError):
+    """What a machine sent as a recording cannot be taken: no video, too large, or damaged."""
+
+
+class RecordingTooLargeError(RecordingRefusedError):
+    """A recording is larger than the settings allow; sending it again does not help."""
+
+
 class ResponseRefusedError(ConflictError):
     """The response cannot be accepted. stage: the session's present stage."""
 

@@ -112,6 +112,10 @@ class Settings(BaseSettings):
         int, Field(ge=1, description="What a study made in the browser may take, in megabytes.")
     ] = 4000
 
+    recording_limit_mb: Annotated[
+        int, Field(ge=1, description="What one recording of a machine may take, in megabytes.")
+    ] = 1000
+
     drafts_per_account: Annotated[
         int, Field(ge=1, description="Studies that one account may be making at a time.")
     ] = 20

@@ -1,4 +1,4 @@
-"""The two kinds of token, as `/openapi.json` describes them, and short names of its calls.
+"""The three kinds of token, as `/openapi.json` describes them, and short names of its calls.
 
 What is done about a token stands in `security`: these only describe.
 """
@@ -16,6 +16,11 @@ SESSION = HTTPBearer(
 EXPERIMENTER = HTTPBearer(
     scheme_name="experimenter",
     description="An experimenter's API token, made on the page of their account.",
+    auto_error=False,
+)
+MACHINE = HTTPBearer(
+    scheme_name="machine",
+    description="The token of a machine of the study, which `pbpo machine add` prints once.",
     auto_error=False,
 )
 

@@ -21,7 +21,8 @@ from .security import signed_in_now
 
 #: The limit of every route that the table does not name, in bytes.
 SMALL: Final = 64_000
-#: A response with its events: a page sends 60 of them, an older page or a program more.
+#: A response with its events: a page sends 60 of them, an older page or a program more. The same
+#: for a machine's numbers on a run.
 WITH_EVENTS: Final = 600_000
 #: All texts of a study in all its languages.
 TEXTS: Final = 10_000_000
@@ -32,6 +33,8 @@ LIMITS: Final[tuple[tuple[re.Pattern[str], int | None], ...]] = (
     (re.compile(r"/drafts/[^/]+/(text|settings)"), TEXTS),
     (re.compile(r"/studies/[^/]+/texts"), TEXTS),
     (re.compile(r"/api/v1/session/(responses|faults)"), WITH_EVENTS),
+    (re.compile(r"/api/v1/studies/[^/]+/rollouts/[^/]+/recording"), None),
+    (re.compile(r"/api/v1/studies/[^/]+/rollouts/[^/]+/measurements"), WITH_EVENTS),
 )
 
 #: The longest path with its query string, in bytes. Links of platforms are far shorter.

@@ -78,6 +78,13 @@ KINDS: tuple[tuple[type[Exception], Kind], ...] = (
         errors.UndeclaredIdentifierError,
         Kind(422, "undeclared-identifier", "This identifier is not kept"),
     ),
+    (errors.LeaseLostError, Kind(409, "lease-lost", "The lease has ended")),
+    (errors.OtherBytesError, Kind(409, "other-bytes", "Recorded already")),
+    (errors.UploadOffsetError, Kind(409, "upload-offset", "Bytes are missing before these")),
+    (
+        errors.RecordingRefusedError,
+        Kind(422, "recording-refused", "This recording cannot be taken"),
+    ),
     (errors.StudyPausedError, Kind(409, "study-paused", "The study is paused")),
     (errors.StudyNotOpenError, Kind(409, "study-not-open", "The study is not open")),
     (errors.SkipReasonError, Kind(422, "skip-reason", "No reason for this")),
@@ -240,6 +247,8 @@ async def domain_error(request: Request, error: Exception) -> Response:
     if isinstance(error, stages.StaleConsent):
         extra["stage"] = str(stages.Stage.CONSENT)
         extra["current_version"] = error.current
+    if isinstance(error, errors.UploadOffsetError):
+        extra["received"] = error.received
     response = _answer(request, kind_of(error), str(error), **extra)
     if isinstance(error, errors.TooManyError):
         response.headers["Retry-After"] = str(seconds_until(request.app.state.app, error))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
+from contextlib import ExitStack, asynccontextmanager
 
 from fastapi import FastAPI, Request
 from fastapi.responses import RedirectResponse, Response
@@ -14,6 +14,7 @@ from app import __version__
 from app.services.bootstrap import open_app
 from app.services.context import AppContext
 from app.services.maintenance import periodic_tasks
+from app.services.rollouts import crane_machine
 from app.services.runtime.settings import Settings
 from app.web.api import export_routes, machine_calls, rollout_routes, session_routes, work_polling
 from app.web.evaluator import (
@@ -89,7 +90,10 @@ def create_app(
     async def lifespan(_app: FastAPI) -> AsyncIterator[None]:
         # With workers apart, theirs is one sweep for all servers; each has a memory of its own.
         apart = opened.settings.workers_apart
-        with periodic_tasks.running(opened, of_the_studio=not apart):
+        with ExitStack() as running:
+            running.enter_context(periodic_tasks.running(opened, of_the_studio=not apart))
+            if not apart:
+                running.enter_context(crane_machine.running(opened))
             yield
         if closes:
             opened.close()

@@ -16,6 +16,7 @@ from app.services.bootstrap import open_app
 from app.services.maintenance import periodic_tasks
 from app.services.maintenance.worker_tasks import HeartbeatConfig, WorkerTasks
 from app.services.monitoring import startup_checks
+from app.services.rollouts import crane_machine
 from app.services.runtime import json_logging
 from app.services.runtime.settings import Settings
 from app.storage.task_queue import QUEUES, RENDER, TaskQueue
@@ -53,7 +54,7 @@ def work(
     app = open_app(settings, background=LocalBackground(videos), job_handlers=JOBS)
     try:
         tasks = WorkerTasks(app, TaskQueue(app.database), heartbeat)
-        with periodic_tasks.running(app, of_the_studio=False):
+        with periodic_tasks.running(app, of_the_studio=False), crane_machine.running(app):
             asyncio.run(_until_told(tasks, _Manner(videos, alive, heartbeat), ready))
     finally:
         app.close()

@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Sequence
 from datetime import datetime
 from itertools import count
+from typing import Any
 
+import av
+import httpx
+import numpy as np
 from sqlalchemy.orm import Session
 
 from app.services.context import AppContext
 from app.services.rollouts import requests
 from app.storage.models.rollouts import Rollout
 from app.storage.models.studies import Candidate, Participant, SessionRow, Study, Trial
+
+from .client import Api
 
 #: Points of the box: as many as the largest test asks for.
 POINTS: Sequence[tuple[float, float]] = [(0.1 * (index // 10), index % 10) for index in range(60)]
@@ -109,3 +116,77 @@ def ask_in(
         now=now,
         seed=7,
     )
+
+
+#: A study over ranges, whose videos a machine outside the server records.
+ROBOT_PLAN = """
+version: 1
+slug: robot
+title: {en: A robot}
+languages: [en]
+parameters:
+  - {name: w0, label: Opening time, unit: s, min: 0, max: 1}
+  - {name: w1, label: Closing time, unit: s, min: 0, max: 10}
+environments:
+  env1: {source: machine, rollout: {timeout_s: 60, attempts: 2}}
+conditions:
+  - {name: box, method: pbpo-threshold, environment: env1, skip: {label: {en: Neither}}}
+queries_per_trial: 4
+"""
+
+
+def video_bytes(shade: int = 120, codec: str = "libx264", form: str = "mp4") -> bytes:
+    """A tiny video of 0.4 s, in one grey."""
+    sink = io.BytesIO()
+    picture = np.full((32, 32, 3), shade, dtype=np.uint8)
+    with av.open(sink, mode="w", format=form) as container:
+        stream = container.add_stream(codec, rate=5)
+        stream.width, stream.height, stream.pix_fmt = 32, 32, "yuv420p"
+        stream.codec_context.thread_count = 1
+        for _ in range(2):
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
+        container.mux(stream.encode())
+    return sink.getvalue()
+
+
+class Robot:
+    """The calls of one machine, with its token."""
+
+    def __init__(self, api: Api, token: str, slug: str = "robot") -> None:
+        self._api = api
+        self._base = f"/api/v1/studies/{slug}/rollouts"
+        self.headers = {"Authorization": f"Bearer {token}"}
+
+    def claim(self, **body: Any) -> httpx.Response:
+        return self._post("claim", {"wait_s": 0, **body})
+
+    def claimed(self, **body: Any) -> dict[str, Any]:
+        """The rollout that it gets."""
+        answer = self.claim(**body)
+        assert answer.status_code == 200, answer.text
+        found: dict[str, Any] = answer.json()
+        return found
+
+    def beat(self, rollout: str, **body: Any) -> httpx.Response:
+        return self._post(f"{rollout}/heartbeat", body)
+
+    def failed(self, rollout: str, reason: str = "jammed", **body: Any) -> httpx.Response:
+        return self._post(f"{rollout}/failed", {"reason": reason, **body})
+
+    def unsafe(self, rollout: str, reason: str = "too fast") -> httpx.Response:
+        return self._post(f"{rollout}/unsafe", {"reason": reason})
+
+    def measure(self, rollout: str, **body: Any) -> httpx.Response:
+        return self._post(f"{rollout}/measurements", body)
+
+    def put(self, rollout: str, body: bytes, attempt: int | None = None, **headers: str) -> Any:
+        return self._api.request(
+            "PUT",
+            f"{self._base}/{rollout}/recording",
+            content=body,
+            params={} if attempt is None else {"attempt": attempt},
+            headers={**self.headers, **{key.replace("_", "-"): v for key, v in headers.items()}},
+        )
+
+    def _post(self, path: str, body: Any) -> httpx.Response:
+        return self._api.post(f"{self._base}/{path}", json=body, headers=self.headers)

@@ -17,6 +17,7 @@ from sqlalchemy.exc import SQLAlchemyError
 
 from app.services.context import AppContext
 from app.services.ethics import bundle
+from app.services.rollouts import uploads
 from app.services.studies import deleted_studies, orphaned_videos
 from app.storage.advisory_lock import AdvisoryLock, try_advisory_lock
 
@@ -48,6 +49,7 @@ OF_EACH_PROCESS = (
         "deleted trials from memory", 60.0, lambda app, _: evict_deleted_trials.evict_deleted(app)
     ),
     Task("unfinished videos", HOUR_S, partial_files.delete_partial),
+    Task("partial uploads of machines", HOUR_S, uploads.delete_old),
 )
 #: Run by one server or worker at a time, for the whole installation.
 OF_THE_STUDIO = (

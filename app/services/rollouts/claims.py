@@ -134,17 +134,19 @@ def heartbeat(
     *,
     attempt: int | None = None,
     progress: float | None = None,
+    lease: timedelta = LEASE_AFTER_HEARTBEAT,
 ) -> Lease:
     """Renew the lease of a claimed rollout. A lease that has ended is renewed if nobody noticed.
 
-    attempt: of the claim; None for the machine's present one. progress: from 0 to 1. Raises
-    NotFoundError, or LeaseLostError if the machine does not hold the rollout any more.
+    attempt: of the claim; None for the machine's present one. progress: from 0 to 1. lease: how
+    long it lasts now, at most the `timeout_s` of the environment. Raises NotFoundError, or
+    LeaseLostError if the machine does not hold the rollout any more.
     """
     with app.database.write() as db:
         now = app.now()
         rollout = held(db, caller, public_id, attempt)
         timeout_s = timeout_of(_plan(db, caller.study_id), rollout)
-        rollout.lease_until = now + min(LEASE_AFTER_HEARTBEAT, timedelta(seconds=timeout_s))
+        rollout.lease_until = now + min(lease, timedelta(seconds=timeout_s))
         if progress is not None:
             rollout.progress = progress
         return Lease(rollout.lease_until, _is_stopped(db, caller.study_id))

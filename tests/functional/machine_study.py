@@ -11,6 +11,7 @@ from typing import Any
 import av
 import httpx
 import numpy as np
+from av.video.stream import VideoStream
 from sqlalchemy.orm import Session
 
 from app.services.context import AppContext
@@ -141,6 +142,7 @@ def video_bytes(shade: int = 120, codec: str = "libx264", form: str = "mp4") -> 
     picture = np.full((32, 32, 3), shade, dtype=np.uint8)
     with av.open(sink, mode="w", format=form) as container:
         stream = container.add_stream(codec, rate=5)
+        assert isinstance(stream, VideoStream)
         stream.width, stream.height, stream.pix_fmt = 32, 32, "yuv420p"
         stream.codec_context.thread_count = 1
         for _ in range(2):
@@ -153,12 +155,12 @@ class Robot:
     """The calls of one machine, with its token."""
 
     def __init__(self, api: Api, token: str, slug: str = "robot") -> None:
-        self._api = api
-        self._base = f"/api/v1/studies/{slug}/rollouts"
+        self.api = api
+        self.base = f"/api/v1/studies/{slug}/rollouts"
         self.headers = {"Authorization": f"Bearer {token}"}
 
     def claim(self, **body: Any) -> httpx.Response:
-        return self._post("claim", {"wait_s": 0, **body})
+        return self.post("claim", {"wait_s": 0, **body})
 
     def claimed(self, **body: Any) -> dict[str, Any]:
         """The rollout that it gets."""
@@ -168,25 +170,27 @@ class Robot:
         return found
 
     def beat(self, rollout: str, **body: Any) -> httpx.Response:
-        return self._post(f"{rollout}/heartbeat", body)
+        return self.post(f"{rollout}/heartbeat", body)
 
     def failed(self, rollout: str, reason: str = "jammed", **body: Any) -> httpx.Response:
-        return self._post(f"{rollout}/failed", {"reason": reason, **body})
+        return self.post(f"{rollout}/failed", {"reason": reason, **body})
 
     def unsafe(self, rollout: str, reason: str = "too fast") -> httpx.Response:
-        return self._post(f"{rollout}/unsafe", {"reason": reason})
+        return self.post(f"{rollout}/unsafe", {"reason": reason})
 
     def measure(self, rollout: str, **body: Any) -> httpx.Response:
-        return self._post(f"{rollout}/measurements", body)
+        return self.post(f"{rollout}/measurements", body)
 
-    def put(self, rollout: str, body: bytes, attempt: int | None = None, **headers: str) -> Any:
-        return self._api.request(
+    def put(self, rollout: str, body: bytes, **more: Any) -> httpx.Response:
+        """Upload a recording. more: `attempt`, and headers, with underscores for hyphens."""
+        attempt = more.pop("attempt", None)
+        return self.api.request(
             "PUT",
-            f"{self._base}/{rollout}/recording",
+            f"{self.base}/{rollout}/recording",
             content=body,
             params={} if attempt is None else {"attempt": attempt},
-            headers={**self.headers, **{key.replace("_", "-"): v for key, v in headers.items()}},
+            headers={**self.headers, **{key.replace("_", "-"): v for key, v in more.items()}},
         )
 
-    def _post(self, path: str, body: Any) -> httpx.Response:
-        return self._api.post(f"{self._base}/{path}", json=body, headers=self.headers)
+    def post(self, path: str, body: Any) -> httpx.Response:
+        return self.api.post(f"{self.base}/{path}", json=body, headers=self.headers)

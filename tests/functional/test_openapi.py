@@ -136,7 +136,7 @@ def test_every_answer_is_one_that_the_document_tells_of(callers: Callers, fuzz: 
 def test_the_document_says_of_each_call_who_may_ask_and_what_comes_back(client: Api) -> None:
     document = client.get("/openapi.json").json()
     schemes = document["components"]["securitySchemes"]
-    assert schemes.keys() == {"session", "experimenter"}
+    assert schemes.keys() == {"session", "experimenter", "machine"}
     found = [
         (f"{method.upper()} {path}", call)
         for path, calls_there in document["paths"].items()

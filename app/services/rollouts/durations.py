@@ -53,7 +53,7 @@ def usually_s(db: Session, study_id: int, environment: str) -> float | None:
     )
     seconds = [
         (ended - claimed).total_seconds()
-        for claimed, ended in rows.tuples()
+        for claimed, ended in rows
         if claimed is not None and ended is not None
     ]
     return median(seconds) if seconds else None

@@ -75,7 +75,7 @@ def counts(app: AppContext, study_id: int) -> Mapping[str, int]:
             .where(Rollout.study_id == study_id)
             .group_by(Rollout.status)
         )
-        return dict(rows.tuples().all())
+        return {status: number for status, number in rows}  # noqa: C416 - rows are no pairs
 
 
 def _line(row: Rollout) -> RolloutLine:

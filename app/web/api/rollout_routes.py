@@ -146,7 +146,9 @@ async def heartbeat(
             "description": "The video's bytes, or with `Content-Range: bytes 0-999/5000` a part of"
             " them; `bytes */5000` and no body asks how many have arrived. `Repr-Digest` or"
             " `Digest`, of the whole video, is checked.",
-            "content": {"video/*": {"schema": {"type": "string", "format": "binary"}}},
+            "content": {
+                "application/octet-stream": {"schema": {"type": "string", "format": "binary"}}
+            },
         }
     },
 )

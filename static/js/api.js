@@ -3,10 +3,12 @@
  *
  * @typedef {{url: string, duration_s: number}} Recording
  * @typedef {{id: string, left: Recording, right: Recording, skip: null | Skip, prefetch: string[], watch_once?: boolean, undo?: {query_id: string, seconds_left: number}}} Query
+ * @typedef {{since: string | null, usually_s: number | null, machines: number, left: Recording | null, right: Recording | null, undo?: {query_id: string, seconds_left: number}}} Waiting
  * @typedef {{label: string, reasons?: import("./skip_reasons.js").Reason[]}} Skip
  * @typedef {{trial: number, trials: number, query: number, queries: number}} Progress
  * @typedef {{
- *   stage: string, progress: Progress, study: {break_s: number, stages: string[]}, query?: Query,
+ *   stage: string, progress: Progress, study: {break_s: number, stages: string[]}, query?: Query | null,
+ *   waiting?: Waiting,
  *   break?: {ends_at: string, seconds_left: number},
  *   device_check?: {clip: Recording, test_clip: boolean, min_width_px: number | null, min_mbit_s: number | null},
  *   familiarisation?: {videos: Recording[], required: number, watched: number[], speeds: number[]},

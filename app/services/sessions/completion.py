@@ -8,13 +8,13 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from sqlalchemy import select
+from sqlalchemy import or_, select
 from sqlalchemy.orm import Session
 
 from app.services.context import AppContext
 from app.services.runtime.errors import IdsRefusedError
 from app.services.studies import repository
-from app.storage.models.studies import Identity, SessionRow
+from app.storage.models.studies import Identity, QueryRow, Response, SessionRow, Trial
 from app.study import recruitment as rules
 from app.study.identifiers import Given, UnreadableIdError
 from app.study.plan import Plan
@@ -44,12 +44,36 @@ def read(plan: Plan, came: Iterable[tuple[str, str]]) -> Given:
 
 
 def at_the_end(db: Session, session: SessionRow, plan: Plan) -> dict[str, Any] | None:
-    """The code and return link of an ended session; None if the study has neither."""
+    """The code and return link of an ended session; None if the study has neither.
+
+    Who stops while a pair is not recorded yet leaves for a technical reason.
+    """
     outcome = OUTCOMES[Stage(session.stage)]
-    return rules.described(plan.recruitment, outcome, ids_of(db, session.participant_id))
+    ids = ids_of(db, session.participant_id)
+    way_back = rules.described(plan.recruitment, outcome, ids)
+    if outcome == "withdrawn" and _waited_for_a_recording(db, session):
+        return rules.described(plan.recruitment, "technical", ids) or way_back
+    return way_back
 
 
 def ids_of(db: Session, participant_id: int) -> dict[str, str]:
     """The platform ids of a participant, by their keys."""
     rows = db.scalars(select(Identity).where(Identity.participant_id == participant_id))
     return {row.key: row.value for row in rows}
+
+
+def _waited_for_a_recording(db: Session, session: SessionRow) -> bool:
+    """Whether the session's open query had no videos yet when the person stopped."""
+    waiting = (
+        select(QueryRow.id)
+        .join(Trial, QueryRow.trial_id == Trial.id)
+        .outerjoin(Response, Response.query_id == QueryRow.id)
+        .where(
+            Trial.session_id == session.id,
+            Trial.trial_index == session.trial_index,
+            Response.id.is_(None),
+            QueryRow.set_aside_at.is_(None),
+            or_(QueryRow.left_recording_id.is_(None), QueryRow.right_recording_id.is_(None)),
+        )
+    )
+    return db.scalar(waiting.limit(1)) is not None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import suppress
+from datetime import datetime
 from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Depends, Form, Request
@@ -16,7 +17,7 @@ from app.services.sessions.responses import Answer
 from app.services.sessions.state_view import State
 from app.study.questionnaire import as_meant
 from app.web.http.concurrency import limited_write
-from app.web.http.security import AppDep
+from app.web.http.security import AppDep, app_context_of
 from app.web.http.translations import translatable
 
 from .error_pages import EvaluatorRoute
@@ -35,6 +36,7 @@ TITLES = {
     "familiarisation": translatable("Familiarisation"),
     "practice": translatable("Practice"),
     "query": translatable("Which is better?"),
+    "waiting": translatable("Being recorded"),
     "questionnaire": translatable("Some questions"),
     "break": translatable("Break"),
     "debrief": translatable("Debrief"),
@@ -106,11 +108,15 @@ def stage_page(
     """The page of the stage that the session is in."""
     stage = state["stage"]
     shown = state.get(stage) or {}
+    name = stage
+    if "waiting" in state:
+        name = "waiting"
+        context["waited_s"] = _waited_s(request, state["waiting"]["since"])
     return render(
         request,
         slug,
-        f"participant/{stage}.html",
-        TITLES[stage],
+        f"participant/{name}.html",
+        TITLES[name],
         state,
         html=shown.get("html", ""),
         version=shown.get("version", ""),
@@ -118,3 +124,11 @@ def stage_page(
         status=status,
         **context,
     )
+
+
+def _waited_s(request: Request, since: str | None) -> int:
+    """Whole seconds since a time in STATE; 0 if it is unknown."""
+    if since is None:
+        return 0
+    waited = app_context_of(request).now() - datetime.fromisoformat(since)
+    return max(0, int(waited.total_seconds()))

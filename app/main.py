@@ -16,7 +16,14 @@ from app.services.context import AppContext
 from app.services.maintenance import periodic_tasks
 from app.services.rollouts import crane_machine
 from app.services.runtime.settings import Settings
-from app.web.api import export_routes, machine_calls, rollout_routes, session_routes, work_polling
+from app.web.api import (
+    export_routes,
+    machine_calls,
+    machine_program,
+    rollout_routes,
+    session_routes,
+    work_polling,
+)
 from app.web.evaluator import (
     deleted_study_pages,
     entry_pages,
@@ -129,6 +136,7 @@ def create_app(
         session_routes,
         export_routes,
         rollout_routes,
+        machine_program,
         media,
         entry_pages,
         stage_pages,

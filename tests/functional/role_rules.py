@@ -116,6 +116,7 @@ RULES: Mapping[str, Rule] = {
     "GET /": ANYBODY,
     # Machines; measurements are for whoever holds the token of the settings, and no account.
     "GET /healthz": ANYBODY,
+    "GET /machine/pbpo_machine.py": ANYBODY,
     "GET /readyz": ANYBODY,
     "GET /metrics": ANYBODY,
     # Evaluators: their session's token, or nothing at all, says who they are.

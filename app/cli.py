@@ -197,6 +197,8 @@ def study_check(folder: Folder, data_dir: DataDir = None) -> None:
         out.print(f"not used by the study: {', '.join(found.unused)}")
     if found.study is None:
         raise StudyFaults(found.faults)
+    for line in in_lines(repository.doubts_on(found.study)):
+        out.print(f"doubt: {line}")
     loaded = found.study
     plan = loaded.plan
     out.print(

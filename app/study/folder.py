@@ -11,8 +11,8 @@ from app.video.decoder_client import Decoder
 from .attention_candidates import missing_for_checks
 from .file_lookup import MOST_FILES
 from .files import is_file, misplaced, read_text
-from .markdown import placeholders
 from .parsed_plan import Inconsistency, as_list, as_mapping
+from .placeholders import VALUES, filled, placeholders, unknown_values
 from .plan import LANGUAGE_PATTERN, Plan
 from .plan_source import STUDY_FILE, PlanReading, SettingsCheck, SpaceCheck, read_plan
 from .recordings import ParameterColumn, RecordingRow, RecordingsReader, Value, candidates_of
@@ -22,6 +22,9 @@ from .validation_errors import Fault, StudyFaults, UnreadableFileError
 TEXT_NAMES = ("consent", "instructions", "debrief")
 #: Optional text before the consent; a study that has it needs it in every language.
 WELCOME = "welcome"
+WORDS_MISSING = "expected words of your own"
+#: The cause of faults that are placeholders of the example begins so: they are work to do.
+PLACEHOLDER_CAUSE = "placeholder "
 
 _SHIPPED_FOLDER = Path(__file__).parent / "shipped"
 SHIPPED: Mapping[str, Path] = MappingProxyType(
@@ -141,7 +144,12 @@ def examine(
     remarks = tuple(reader.remarks)
     study = None
     if not faults and reading.plan is not None:
-        study = StudyFolder(folder, reading.plan, texts, tuple(recordings), remarks, unused)
+        plan = reading.plan
+        texts = {
+            language: {name: filled(text, plan) for name, text in named.items()}
+            for language, named in texts.items()
+        }
+        study = StudyFolder(folder, plan, texts, tuple(recordings), remarks, unused)
     can_mend = bool(reading.slips)
     return Examination(
         study, tuple(faults), remarks, unused, reading.data, reader.sources, can_mend
@@ -214,11 +222,15 @@ def _read_texts(
 
 
 def text_faults(file: str, text: str) -> Iterator[Fault]:
-    """Placeholders that remain in a text."""
+    """Placeholders that remain in a text, and values in it that no plan has."""
     if not text.strip():
         yield Fault(file, None, "expected some text, got an empty file")
     for line, placeholder in placeholders(text):
-        yield Fault(file, line, f"expected words of your own, got the placeholder {placeholder}")
+        message = f"{WORDS_MISSING}, got the placeholder {placeholder}"
+        yield Fault(file, line, message, PLACEHOLDER_CAUSE + placeholder)
+    for line, name in unknown_values(text):
+        known = ", ".join(VALUES)
+        yield Fault(file, line, f"expected one of {known} in braces, got {{{{ {name} }}}}")
 
 
 def _read_recordings(

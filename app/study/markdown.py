@@ -1,7 +1,6 @@
 """Renders a study's Markdown to safe HTML, and computes the version of a consent text."""
 
 import hashlib
-import re
 import unicodedata
 from collections.abc import Sequence
 from typing import Any
@@ -16,9 +15,6 @@ from markdown_it.utils import EnvType, OptionsDict
 FIRST_HEADING_LEVEL = 2
 LAST_HEADING_LEVEL = 6
 CONSENT_VERSION_DIGITS = 12
-
-
-_PLACEHOLDER = re.compile(r"(?<![\]!])\[[^\]\[]+\](?![(\[:])")
 
 
 def render(markdown: str) -> str:
@@ -68,15 +64,3 @@ def _markdown() -> Any:
 
 
 _MARKDOWN = _markdown()
-
-
-def placeholders(markdown: str) -> list[tuple[int, str]]:
-    """The example's remaining `[your words here]`: line number, from 1, and placeholder.
-
-    `[text](address)`, `[text][name]` and `[name]: address` are links and do not count.
-    """
-    return [
-        (number, found.group())
-        for number, line in enumerate(markdown.splitlines(), start=1)
-        for found in _PLACEHOLDER.finditer(line)
-    ]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import os
 import re
 from collections.abc import Iterator
@@ -81,7 +82,7 @@ def test_from_a_zip_with_three_faults_to_an_open_study(
     # Three faults, each with its row, what was expected and what came.
     expect(page.get_by_test_id("faults-count")).to_have_text("3 faults to put right")
     faults = page.get_by_test_id("faults")
-    expect(faults).to_contain_text(["queries_per_trial", "recordings.csv"])
+    expect(faults).to_contain_text(["recordings.csv", "queries_per_trial"])
     expect(page.get_by_role("cell", name="'three'")).to_be_visible()
     expect(page.get_by_role("cell", name="'fast'")).to_be_visible()
     expect(page.get_by_role("cell", name="videos/0-1.mp4': it is no")).to_be_visible()
@@ -135,3 +136,44 @@ def test_from_a_zip_with_three_faults_to_an_open_study(
         looked_at(page, name)
     page.goto(f"{empty_server.url}/studies")
     looked_at(page, "studies")
+
+
+def test_from_videos_and_a_german_spreadsheet_to_texts_that_are_left_to_write(
+    page: Page, empty_server: Server, tmp_path: Path
+) -> None:
+    folder = write_small_study(tmp_path / "study", PLAN)
+    with (folder / "recordings.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    table = tmp_path / "Versuch.csv"
+    lines = ["Geschwindigkeit [m/s];Höhe (m);Videodatei;Bemerkung"] + [
+        f"{row['speed'].replace('.', ',')};{n},5;C:\\Videos\\{Path(row['file']).name};gut"
+        for n, row in enumerate(rows)
+    ]
+    table.write_bytes("\r\n".join(lines).encode("cp1252"))
+
+    page.goto(f"{empty_server.url}/studies")
+    page.get_by_label("Email").fill(EMAIL)
+    page.get_by_label("Password").fill(PASSWORD)
+    page.get_by_test_id("sign-in").click()
+    page.get_by_test_id("new-study").click()
+    page.get_by_test_id("draft-name").fill("Kippen über Gläsern")
+    page.get_by_test_id("draft-files").set_input_files(
+        [table, *sorted((folder / "videos").iterdir())]
+    )
+    page.get_by_test_id("begin-draft").click()
+    expect(page.get_by_test_id("step-videos")).to_contain_text("Done")
+    expect(page.get_by_test_id("remarks")).to_contain_text("semicolons and decimal commas")
+    expect(page.get_by_test_id("remarks")).to_contain_text("Bemerkung")
+    expect(page.get_by_test_id("step-texts")).to_contain_text("Fill in texts/en/consent.md")
+    expect(page.get_by_test_id("step-texts")).to_have_attribute("aria-current", "step")
+    looked_at(page, "steps")
+    for name in ("consent", "instructions", "debrief"):
+        page.get_by_role("link", name=f"Fill in texts/en/{name}.md").click()
+        expect(page.get_by_test_id("rendered")).to_be_visible()
+        looked_at(page, f"fill-in-{name}")
+        text = page.get_by_test_id("draft-text")
+        text.fill(re.sub(r"\[.+?\]", "own words [1]", text.input_value()))
+        page.get_by_test_id("save-text").click()
+    expect(page.get_by_test_id("step-create")).to_contain_text("Next")
+    expect(page.get_by_test_id("sound")).to_contain_text("Kippen über Gläsern")
+    looked_at(page, "ready")

@@ -80,10 +80,10 @@ def test_every_fault_is_named_at_once_with_file_row_expectation_and_what_came(
         r'<tr><td class="number">(.+?)</td><td>(.*?)</td><td>(.*?)</td><td>(.*?)</td>', page
     )
     cells = [tuple(re.sub("<.*?>", "", cell) for cell in row) for row in rows]
-    assert cells[0][:3] == ("18", "queries_per_trial", "a whole number from 1 to 1000")
-    assert cells[0][3] == "&#39;many&#39;"
-    assert cells[1] == ("4", "speed", "a finite number", "&#39;fast&#39;")
-    assert cells[2][:3] == ("5", "file", "a video that can be played")
+    assert cells[0] == ("4", "speed", "a finite number", "&#39;fast&#39;")
+    assert cells[1][:3] == ("5", "file", "a video that can be played")
+    assert cells[2][:3] == ("18", "queries_per_trial", "a whole number from 1 to 1000")
+    assert cells[2][3] == "&#39;many&#39;"
     assert desk.post(f"{here}/create").status_code == 422
 
 
@@ -118,8 +118,14 @@ def test_videos_beside_a_csv_begin_a_study_of_its_columns(desk: Desk, folder: Pa
     # The videos lie where the CSV says; what is left are the example's texts, to be filled in.
     assert "videos/a.mp4" in page
     assert "texts/en/instructions.md" in page
-    named = set(re.findall(r"<h3><code>(.+?)</code></h3>", page))
-    assert named == {"texts/en/instructions.md", "texts/en/debrief.md"}
+    # They are work to do, and no faults.
+    assert set(re.findall(r"Fill in (.+?)</a>", page)) == {
+        "texts/en/instructions.md",
+        "texts/en/debrief.md",
+    }
+    assert "to put right" not in page
+    assert re.findall(r'<li data-state="(.+?)"', page) == ["done", "next", "done", "later", "later"]
+    assert "As it will be read" in desk.get(f"{here}/text?file=texts/en/debrief.md").text
 
 
 def test_a_study_can_be_begun_from_its_settings_alone(desk: Desk) -> None:

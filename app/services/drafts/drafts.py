@@ -46,6 +46,7 @@ from . import files as draft_files
 from . import slugs as draft_slugs
 from . import table_intake, transcode_job, uploads
 from .files import Sent
+from .steps import is_placeholder
 from .uploads import UploadRefusedError
 
 #: Endings of files that can be edited on a page.
@@ -82,7 +83,7 @@ class Checked:
     remarks: how tables were understood, and what is worth knowing of videos. unused: files that
     nothing names. notes: what was done with the files when they were stored. can_take_parameters:
     whether the plan's parameters are others than those of its table. can_mend: whether the slips of
-    YAML in the plan can be put right.
+    YAML in the plan can be put right. doubts: what a person would ask before it is opened.
     """
 
     study: StudyFolder | None
@@ -92,6 +93,7 @@ class Checked:
     notes: Sequence[str] = ()
     can_take_parameters: bool = False
     can_mend: bool = False
+    doubts: Sequence[Fault] = ()
 
     @property
     def can_be_transcoded(self) -> int:
@@ -103,8 +105,17 @@ class Checked:
 
     @property
     def number(self) -> int:
-        """The number of faults; those of one cause count once."""
-        return sum(len(grouped(faults)) for faults in self.faults.values())
+        """The number of faults; those of one cause count once, and placeholders not at all."""
+        wrong = [
+            [fault for fault in faults if not is_placeholder(fault)]
+            for faults in self.faults.values()
+        ]
+        return sum(len(grouped(faults)) for faults in wrong)
+
+    @property
+    def to_fill(self) -> int:
+        """The number of places that the example left for the study's own words."""
+        return sum(is_placeholder(fault) for faults in self.faults.values() for fault in faults)
 
 
 def begin(app: AppContext, caller: Principal, name: str, sent: Sequence[Sent] = ()) -> Draft:
@@ -341,6 +352,7 @@ def check(app: AppContext, draft: Draft) -> Checked:
         ],
         table_intake.differs(draft.folder, found.data),
         found.can_mend,
+        repository.doubts_on(study) if study else (),
     )
 
 

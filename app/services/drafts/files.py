@@ -85,7 +85,6 @@ def upload_notes(folder: Path) -> list[str]:
 
 def add_scaffold(folder: Path, title: str, slug: str) -> None:
     """Write what a study folder needs and this one lacks: a plan for its table, and texts."""
-    table_intake.take(folder, [path.name for path in folder.iterdir() if path.is_file()])
     source, parameters = table_intake.parameters_in(folder) or (TABLE, [])
     plan = draft_plan.begin_plan(title, source, parameters, slug)
     for place, text in {**draft_plan.example_texts(), STUDY_FILE: plan}.items():

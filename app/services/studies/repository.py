@@ -25,12 +25,12 @@ from app.services.runtime.errors import ConflictError, NotFoundError, SlugTakenE
 from app.services.runtime.ids import new_public_id
 from app.storage.models.accounts import StudyAccess
 from app.storage.models.studies import Candidate, PlanVersion, Recording, SessionRow, Study
-from app.study import assignment
+from app.study import assignment, doubts
 from app.study import folder as study_folder
 from app.study.environments import CRANE_PARAMETERS
 from app.study.plan import Plan, plan_hash
 from app.study.recordings import Value
-from app.study.validation_errors import StudyFaults
+from app.study.validation_errors import Fault, StudyFaults
 
 from . import orphaned_videos, slugs
 
@@ -100,6 +100,13 @@ def examine_folder(name_or_path: str) -> study_folder.Examination:
         settings_check=settings_fault,
         space_check=boxes.space_faults,
         crane_candidates=lambda _: crane_environments.candidates().tolist(),
+    )
+
+
+def doubts_on(study: study_folder.StudyFolder) -> list[Fault]:
+    """What a person would ask about a valid study before it is opened."""
+    return doubts.doubts(
+        study, lambda settings: OptimizerSettings.from_mapping(settings).random_queries
     )
 
 

@@ -20,6 +20,7 @@ from app.services.recordings import recordings
 from app.services.runtime.errors import ChangedMeanwhileError, ConflictError
 from app.storage.models.studies import Candidate, PlanVersion, Recording, Study
 from app.study.folder import StudyFolder, text_faults
+from app.study.placeholders import filled
 from app.study.plan import plan_hash
 from app.study.recordings import RecordingRow
 from app.study.validation_errors import StudyFaults
@@ -88,6 +89,10 @@ def revise_texts(
         ]
         if faults:
             raise StudyFaults(faults)
+        given = {
+            language: {name: filled(text, before.plan) for name, text in named.items()}
+            for language, named in given.items()
+        }
         if given == before.texts:
             return before
         return _add_version(app, db, before, given, _stored_rows(db, before), actor)

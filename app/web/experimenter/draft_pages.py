@@ -8,12 +8,14 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Form, Request
 from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import RedirectResponse, Response
+from markupsafe import Markup
 
 from app.services import jobs
 from app.services.accounts.accounts import Principal
 from app.services.context import AppContext
 from app.services.drafts import drafts, transcode_job
 from app.services.drafts.drafts import Draft
+from app.services.drafts.steps import steps
 from app.services.drafts.uploads import UploadRefusedError
 from app.services.maintenance import expired_drafts
 from app.services.runtime import disk_quota
@@ -25,6 +27,7 @@ from app.services.runtime.errors import (
     NotFoundError,
 )
 from app.services.studies import access
+from app.study.markdown import render
 from app.study.text_diff import difference, text_hash
 from app.study.validation_errors import StudyFaults, grouped, in_lines
 from app.web.http.security import AppDep
@@ -200,6 +203,7 @@ def _text_page(
         text=stored if typed is None else typed,
         base=text_hash(stored),
         lines=() if typed is None else difference(stored, typed),
+        rendered=Markup(render(stored)) if file.endswith(".md") else None,  # noqa: S704
         faults=drafts.check(app, draft).faults.get(file, ()),
         grouped=grouped,
     )
@@ -268,6 +272,7 @@ def _draft_page(
         status_code=_REFUSED if refused else status,
         draft=draft,
         checked=checked,
+        steps=steps(checked.faults),
         files=files,
         present=present,
         grouped=grouped,

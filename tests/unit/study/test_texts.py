@@ -3,7 +3,7 @@
 import pytest
 
 from app.study import consent_version, render
-from app.study.markdown import placeholders
+from app.study.placeholders import placeholders
 
 
 def test_headings_begin_below_the_page_title() -> None:
@@ -66,5 +66,10 @@ def test_any_other_word_or_sign_changes_the_version(other: str) -> None:
 
 
 def test_a_placeholder_is_found_and_a_link_is_none() -> None:
-    text = "Run by [your names].\n\nSee [the lab](https://lab.example), [a note][1], ![x](y).\n"
-    assert placeholders(text) == [(1, "[your names]")]
+    text = "Run by [your names and institution].\n\nSee [the lab](https://lab.example), ![x](y).\n"
+    assert placeholders(text) == [(1, "[your names and institution]")]
+
+
+@pytest.mark.parametrize("text", ["as in [1]", "[Art. 13] holds", "- [ ] done", "[left]", r"\[1\]"])
+def test_other_words_in_brackets_are_text(text: str) -> None:
+    assert placeholders(text) == []

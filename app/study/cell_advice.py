@@ -25,7 +25,7 @@ _NOTHING: Final = frozenset(
     {"", "na", "n/a", "nan", "null", "none", "-", "--", "?", ".", "#n/a", "#nv", "missing"}
 )
 #: Categories that the advice repeats.
-_MOST_VALUES: Final = 12
+_MOST_VALUES: Final = 6
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ def _advice_on_words(table: Table, place: int) -> Advice:
         return Advice("", "not a number")
     listed = ", ".join(values)
     return Advice(
-        f" (for categories, give the parameter values: [{listed}] in study.yaml)", "category"
+        f" (parameters are numbers: write categories such as {listed} as 0, 1, ...)", "category"
     )
 
 

@@ -19,6 +19,7 @@ from app.video.video_info import UnreadableVideoError
 
 from . import numbers
 from .cell_advice import advice
+from .file_kind import kind_of
 from .file_lookup import FileLookup, NoFileError
 from .numbers import Doubtful
 from .probe_cache import probe
@@ -337,9 +338,15 @@ class RecordingsReader:
                 came = f"got {quoted(cell)} with the same content as the one in {first}"
                 raise _NoVideoError(f"expected each video once, {came}", "content again")
             video = probe(self.decoder, path, sha256)
-        except (UnreadableVideoError, OSError) as error:
+        except UnreadableVideoError as error:
+            reason = kind_of(path) or str(error)
             raise _NoVideoError(
-                f"expected a video that can be played, got {quoted(cell)}: {error}", str(error)
+                f"expected a video that can be played, got {quoted(cell)}: {reason}", reason
+            ) from error
+        except OSError as error:
+            reason = error.strerror or type(error).__name__
+            raise _NoVideoError(
+                f"expected a video that can be played, got {quoted(cell)}: {reason}", reason
             ) from error
         if video.hindrance is not None:
             raise _NoVideoError(

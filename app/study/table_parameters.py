@@ -1,4 +1,4 @@
-"""Derives a plan's parameters from a table: names, labels, units and categories of its columns."""
+"""Derives a plan's parameters from a table: names, labels and units of its columns of numbers."""
 
 from __future__ import annotations
 
@@ -6,38 +6,28 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from decimal import Decimal
 
-from .cell_advice import words
 from .numbers import Doubtful
 from .parsed_plan import as_list, as_mapping
 from .table_headers import UnmatchedColumnsError, is_aside, label_and_unit, match, parameter_name
 from .tables import Table
 
-#: Different words in a column that are taken for categories; a column with more is left aside.
-MOST_CATEGORIES = 12
-
 
 @dataclass(frozen=True)
 class Derived:
-    """A parameter as `study.yaml` has it. values: its categories, none for a number."""
+    """A parameter as `study.yaml` has it."""
 
     name: str
     label: str | None = None
     unit: str | None = None
-    values: tuple[str, ...] = ()
 
     def entry(self) -> dict[str, object]:
         """The parameter's entry in `study.yaml`."""
-        said = {
-            "name": self.name,
-            "label": self.label,
-            "unit": self.unit,
-            "values": list(self.values) or None,
-        }
+        said = {"name": self.name, "label": self.label, "unit": self.unit}
         return {key: value for key, value in said.items() if value is not None}
 
 
 def derive(table: Table, reserved: Sequence[str] = ()) -> list[Derived]:
-    """The parameters in a table: columns of numbers, and of few words that come again.
+    """The parameters in a table: its columns of numbers.
 
     Columns that number or describe the rows are none. reserved: names that no parameter may have.
     Raises UnmatchedColumnsError if the table has no column of files.
@@ -48,15 +38,11 @@ def derive(table: Table, reserved: Sequence[str] = ()) -> list[Derived]:
     for place, text in enumerate(header):
         if place in (known.file, known.score) or is_aside(text) or _numbers_rows(table, place):
             continue
-        values: tuple[str, ...] = ()
         if not _is_numeric(table, place):
-            different = words(table, place) or []
-            if not 2 <= len(different) <= min(MOST_CATEGORIES, max(2, len(table.lines) // 2)):
-                continue
-            values = tuple(different)
+            continue
         label, unit = label_and_unit(text)
         name = parameter_name(text, [*reserved, *(one.name for one in found)])
-        found.append(Derived(name, None if label == name else label, unit, values))
+        found.append(Derived(name, None if label == name else label, unit))
     return found
 
 

@@ -213,3 +213,23 @@ def test_a_missing_and_an_empty_list_of_recordings_are_named(folder: Path, fault
     assert faults(folder) == ["recordings.csv: expected at least two different candidates, got 0"]
     (folder / "recordings.csv").unlink()
     assert faults(folder) == ["recordings.csv: expected a file of this name, there is none"]
+
+
+@pytest.mark.parametrize(
+    ("content", "kind"),
+    [
+        (b"", "it is empty"),
+        (b"\x89PNG\r\n\x1a\n" + bytes(40), "it is a picture (PNG)"),
+        (b"\xff\xd8\xff\xe0" + bytes(40), "it is a picture (JPEG)"),
+        (b"version https://git-lfs.github.com/spec/v1\noid sha256:00\n", "a pointer of Git LFS"),
+        (b"<!DOCTYPE html><p>Sign in", "it is a web page"),
+        (b"to be filmed\n", "it is a text"),
+    ],
+)
+def test_a_file_that_is_no_video_is_said_to_be_what_it_is(
+    folder: Path, faults: Faults, content: bytes, kind: str
+) -> None:
+    (folder / "videos" / "b.mp4").write_bytes(content)
+    [fault] = faults(folder)
+    assert fault.startswith("recordings.csv:3: file: expected a video that can be played")
+    assert kind in fault

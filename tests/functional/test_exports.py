@@ -47,7 +47,7 @@ IN_THE_ZIP = [
         "questionnaires",
     ),
     *("deletions", "events", "evidence", "checks", "undone", "faults", "recordings"),
-    "data_dictionary",
+    *("rollouts", "data_dictionary"),
 ]
 PLATFORM_ID = "5f0c1ada-prolific"
 

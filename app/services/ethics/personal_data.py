@@ -114,6 +114,8 @@ OTHERS = frozenset(
         "plans",
         "candidates",
         "recordings",
+        "machines",
+        "rollouts",
         "study_access",
         "study_drafts",
         "accounts",

@@ -14,6 +14,7 @@ from .faults_checks import CHECKS, FAULTS, UNDONE
 from .people import DELETIONS, IDENTITIES, PARTICIPANTS, QUESTIONNAIRES, SESSIONS
 from .queries import ACQUIRED, EVENTS, PREFERENCES, QUERIES
 from .recordings import RECORDINGS
+from .rollouts import ROLLOUTS
 from .table import Column, Request, Row, Table, text
 
 
@@ -72,6 +73,7 @@ ZIPPED = (
     UNDONE,
     FAULTS,
     RECORDINGS,
+    ROLLOUTS,
     DATA_DICTIONARY,
 )
 

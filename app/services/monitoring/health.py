@@ -13,6 +13,7 @@ from sqlalchemy import func, select
 from sqlalchemy.exc import SQLAlchemyError
 
 from app.services.context import AppContext
+from app.services.rollouts import durations
 from app.services.runtime.metrics import RENDER_QUEUE
 from app.storage.models.studies import SessionRow
 from app.storage.schema import newest_revision, revision_of
@@ -39,6 +40,8 @@ def warnings(app: AppContext) -> list[str]:
     """Problems that do not affect participants, as sentences like those of `faults`."""
     try:
         queue, behind = app.background.queue(), clock.clock_lag(app)
+        with app.database.read() as db:
+            waiting = durations.unattended(db, app.now())
     except SQLAlchemyError:
         # `faults` reports this.
         return []
@@ -48,6 +51,14 @@ def warnings(app: AppContext) -> list[str]:
     if behind is not None:
         said = clock.lag_in_words(behind)
         found.append(f"The clock is {said} behind what was stored: it is wrong, or it was before.")
+    away = sum(not study.is_stopped for study in waiting)
+    if away:
+        studies = "one study" if away == 1 else f"{away} studies"
+        found.append(f"No machine of {studies} is heard of, and recordings wait for one.")
+    if len(waiting) > away:
+        number = len(waiting) - away
+        studies = "one study" if number == 1 else f"{number} studies"
+        found.append(f"The machines of {studies} are stopped, and recordings wait for them.")
     return found
 
 

@@ -13,6 +13,7 @@ from sqlalchemy.orm import InstrumentedAttribute, Session
 from app.services import jobs
 from app.services.context import AppContext
 from app.services.failure_counter import Kind
+from app.services.rollouts import durations
 from app.services.studies.repository import StudyInfo
 from app.services.studies.session_modes import OF_PEOPLE
 from app.storage.models.records import FaultCount, Job
@@ -121,6 +122,7 @@ def incidents(app: AppContext, study: StudyInfo) -> list[Incident]:
             *_set_aside(db, study.id, since),
             *_unfitted(db, study.id, since),
             *_failed_jobs(db, study.id, since),
+            *_machines(db, study.id, app.now()),
         ]
     found += _of_the_server(app)
     return sorted(found, key=lambda trouble: trouble.last_at, reverse=True)
@@ -190,6 +192,29 @@ def _failed_jobs(db: Session, study_id: int, since: datetime) -> Iterator[Incide
                 f"{_WORK.get(job.kind, 'Work')} that was asked for failed: {job.message}.",
                 job.ended_at,
                 "Ask for it again. If it fails again, the server's log says more.",
+            )
+
+
+def _machines(db: Session, study_id: int, now: datetime) -> Iterator[Incident]:
+    """Recordings that wait for a machine, because none is there or all are stopped."""
+    for study in durations.unattended(db, now, study_id):
+        waiting = _times(study.waiting, "recording")
+        verb = "waits" if study.waiting == 1 else "wait"
+        if study.is_stopped:
+            yield Incident(
+                "machines-stopped",
+                f"The machines are stopped. {waiting} {verb} for them since {study.since:%H:%M}"
+                " UTC.",
+                now,
+                "Release them when it is safe: evaluators see that a recording is awaited.",
+            )
+        else:
+            yield Incident(
+                "no-machine",
+                f"No machine is heard of. {waiting} {verb} for one since {study.since:%H:%M} UTC.",
+                now,
+                "See that the machine runs and reaches the studio. Evaluators see that a recording"
+                " is awaited, and may leave with the technical code.",
             )
 
 

@@ -90,7 +90,9 @@ def claim(
             and environment.is_crane_machine == inside
             and (environments is None or name in environments)
         ]
-        if not wanted or _is_stopped(db, caller.study_id, locks=True):
+        machine = db.get(Machine, caller.machine_id)
+        is_revoked = machine is None or machine.revoked_at is not None
+        if not wanted or is_revoked or _is_stopped(db, caller.study_id, locks=True):
             return None
         rollout = db.scalar(
             select(Rollout)

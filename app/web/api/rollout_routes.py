@@ -282,9 +282,12 @@ async def _wait_for_work(
 ) -> claims.Claimed | None:
     """The claimed rollout; None once the time is over, the caller is gone, or the server stops."""
     polling: WorkPolling = request.app.state.work_polling
-    stopping = request.app.state.stopping
     loop = asyncio.get_running_loop()
     ends = loop.time() + asked.wait_s
+
+    def stopping() -> bool:
+        told: bool = request.app.state.stopping()
+        return told
 
     def find(studies: Collection[int]) -> Mapping[tuple[int, str], int]:
         with app.database.read() as db:

@@ -179,11 +179,16 @@ def serve(
 
 
 @study_app.command("init")
-def study_init(folder: Annotated[Path, typer.Argument(metavar="FOLDER")]) -> None:
+def study_init(
+    folder: Annotated[Path, typer.Argument(metavar="FOLDER")],
+    machine: Annotated[
+        bool, typer.Option("--machine", help="A machine records the videos while people choose.")
+    ] = False,
+) -> None:
     """Write a commented example of a study of one's own."""
     from app.study.scaffold import init
 
-    init(folder)
+    init(folder, machine=machine)
     out.print(f"{folder} holds an example. Change it, then: pbpo study check {folder}")
 
 

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from .environments import Environment
 from .plan import Plan
 from .recruitment import NO_PLATFORM
+from .search_space import LOG
 
 
 def in_words(plan: Plan) -> list[str]:
@@ -31,6 +33,7 @@ def _session(plan: Plan) -> Iterator[str]:
         f" {_times(plan.trials_per_condition)}, {_order(plan)}."
     )
     yield f"In each trial, {_many(plan.queries_per_trial, 'pair')} of videos chosen by its method."
+    yield from _machines(plan)
     checks = []
     if plan.repeats_per_trial:
         checks.append(f"{_many(plan.repeats_per_trial, 'earlier pair')} again with sides swapped")
@@ -51,6 +54,38 @@ def _session(plan: Plan) -> Iterator[str]:
     ):
         if items:
             yield f"{when}, {_many(len(items), 'question')}."
+
+
+def _machines(plan: Plan) -> Iterator[str]:
+    """The ranges of the parameters, and how recordings are asked of machines."""
+    space = plan.space
+    if space is None:
+        return
+    ranges = []
+    for parameter in plan.parameters:
+        unit = f" {parameter.unit}" if parameter.unit else ""
+        step = f" in steps of {parameter.step:g}" if parameter.step is not None else ""
+        scale = " on a logarithmic scale" if parameter.scale == LOG else ""
+        ranges.append(
+            f"{parameter.name} from {parameter.min:g} to {parameter.max:g}{unit}{step}{scale}"
+        )
+    under = f", where {' and '.join(space.constraints)}" if space.constraints else ""
+    yield f"Candidates are all points of {', '.join(ranges)}{under}."
+    for name in plan.used_environments:
+        yield _rollouts(name, plan.environments[name])
+
+
+def _rollouts(name: str, environment: Environment) -> str:
+    by = "by the simulated crane" if environment.is_crane_machine else "by a machine"
+    said = environment.rollout
+    again = "from its recording" if said.reuse else "from a new run"
+    late = ", proposed without the last answer" if said.lag else ""
+    return (
+        f"In {name}, videos are recorded {by} while people choose: at most"
+        f" {_many(said.new_per_query, 'new candidate')} in each pair{late}; one shown before comes"
+        f" {again}. Up to {_many(said.ahead, 'rollout')} are asked for ahead; each is tried up to"
+        f" {_times(said.attempts)} and may be silent for {said.timeout_s} s."
+    )
 
 
 def _people(plan: Plan) -> Iterator[str]:

@@ -1,9 +1,11 @@
-"""Creates a study folder from the commented example."""
+"""Creates a study folder from a commented example: of one's own videos, or of a machine."""
 
 import shutil
 from pathlib import Path
 
 EXAMPLE = Path(__file__).parent / "shipped" / "example"
+#: Of a study whose videos a machine records; its texts are those of the other example.
+MACHINE_EXAMPLE = Path(__file__).parent / "shipped" / "example-machine"
 
 
 class FolderNotEmptyError(Exception):
@@ -20,8 +22,15 @@ def require_empty(folder: Path) -> None:
         )
 
 
-def init(folder: Path) -> None:
-    """Writes the example study into a new or empty folder."""
+def init(folder: Path, *, machine: bool = False) -> None:
+    """Writes the example study into a new or empty folder.
+
+    machine: whether its videos are recorded by a machine while people choose.
+    """
     require_empty(folder)
     # Contents only: an installed example may be read-only, and the copy is there to be edited.
-    shutil.copytree(EXAMPLE, folder, copy_function=shutil.copyfile, dirs_exist_ok=True)
+    if not machine:
+        shutil.copytree(EXAMPLE, folder, copy_function=shutil.copyfile, dirs_exist_ok=True)
+        return
+    shutil.copytree(MACHINE_EXAMPLE, folder, copy_function=shutil.copyfile, dirs_exist_ok=True)
+    shutil.copytree(EXAMPLE / "texts", folder / "texts", copy_function=shutil.copyfile)

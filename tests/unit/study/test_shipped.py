@@ -19,6 +19,7 @@ from app.study import (
     render,
     resolve,
 )
+from app.study.plan_summary import in_words
 
 
 @pytest.mark.parametrize(
@@ -174,3 +175,25 @@ def test_a_file_is_no_folder_to_begin_in(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(FolderNotEmptyError, match="got the file"):
         init(tmp_path / "file")
+
+
+def test_a_new_study_with_a_machine_lacks_nothing_but_its_words(tmp_path: Path) -> None:
+    init(tmp_path, machine=True)
+    with pytest.raises(StudyFaults) as caught:
+        load(tmp_path)
+    assert {fault.file.split("/")[0] for fault in caught.value.faults} == {"texts"}
+    for text in (tmp_path / "texts" / "en").iterdir():
+        text.write_text(text.read_text(encoding="utf-8").translate({91: None, 93: None}))
+    plan = load(tmp_path).plan
+    assert plan.environments["road"].is_machine
+    assert plan.space is not None
+
+
+def test_the_summary_of_a_study_over_ranges_says_its_space_and_how_rollouts_are_asked() -> None:
+    words = " ".join(in_words(load(SHIPPED["waste-crane-live"]).plan))
+    assert (
+        "Candidates are all points of w0 from 0 to 1 s, w1 from 0 to 1 s, where w0 >= w1." in words
+    )
+    assert "In env1, videos are recorded by the simulated crane while people choose" in words
+    assert "at most 1 new candidate in each pair" in words
+    assert "Up to 3 rollouts are asked for ahead; each is tried up to 3 times" in words

@@ -64,7 +64,7 @@ def rollouts(
     if before is not None:
         statement = statement.where(Rollout.id < before)
     with app.database.read() as db:
-        return [_line(row) for row in db.scalars(statement)]
+        return [line(row) for row in db.scalars(statement)]
 
 
 def counts(app: AppContext, study_id: int) -> Mapping[str, int]:
@@ -78,7 +78,8 @@ def counts(app: AppContext, study_id: int) -> Mapping[str, int]:
         return {status: number for status, number in rows}  # noqa: C416 - rows are no pairs
 
 
-def _line(row: Rollout) -> RolloutLine:
+def line(row: Rollout) -> RolloutLine:
+    """The line of a rollout, whose candidate and machine are read if they are not loaded."""
     return RolloutLine(
         number=row.id,
         public_id=row.public_id,

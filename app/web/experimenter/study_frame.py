@@ -31,6 +31,7 @@ PLACES: Final = (
     Place("results", "/results", "Results", Right.DATA),
     Place("data", "/data", "Data", Right.DATA),
     Place("recruit", "/recruit", "Recruit", Right.CHANGE),
+    Place("machines", "/machines", "Machines", Right.CHANGE),
     Place("manage", "/manage", "Manage", Right.CHANGE),
     Place("plan", "/plan", "Plan", Right.DESIGN),
     Place("ethics", "/ethics", "Ethics", Right.DESIGN),
@@ -57,6 +58,7 @@ def study_page(
     plan = study.plan
     title = plan.text(plan.title, plan.default_language)
     rights = access.rights(app, caller, study.slug)
+    has_machines = any(one.is_machine for one in plan.environments.values())
     said = {
         "slug": study.slug,
         "title": title,
@@ -67,7 +69,7 @@ def study_page(
     places = [
         {"key": place.key, "label": place.label, "url": f"/studies/{study.slug}{place.path}"}
         for place in PLACES
-        if place.right in rights
+        if place.right in rights and (place.key != "machines" or has_machines)
     ]
     return experimenter_page(
         request,

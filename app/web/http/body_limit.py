@@ -32,6 +32,7 @@ LIMITS: Final[tuple[tuple[re.Pattern[str], int | None], ...]] = (
     (re.compile(r"/drafts(/[^/]+/files)?"), None),
     (re.compile(r"/drafts/[^/]+/(text|settings)"), TEXTS),
     (re.compile(r"/studies/[^/]+/texts"), TEXTS),
+    (re.compile(r"/studies/[^/]+/desk/[^/]+/recording"), None),
     (re.compile(r"/api/v1/session/(responses|faults)"), WITH_EVENTS),
     (re.compile(r"/api/v1/studies/[^/]+/rollouts/[^/]+/recording"), None),
     (re.compile(r"/api/v1/studies/[^/]+/rollouts/[^/]+/measurements"), WITH_EVENTS),

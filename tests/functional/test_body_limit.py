@@ -35,8 +35,11 @@ LARGE = {
     "POST /drafts/{public_id}/text": TEXTS,
     "POST /drafts/{public_id}/settings": TEXTS,
     "POST /studies/{slug}/texts": TEXTS,
+    "POST /studies/{slug}/desk/{rollout_id}/recording": None,
     "POST /api/v1/session/responses": WITH_EVENTS,
     "POST /api/v1/session/faults": WITH_EVENTS,
+    "PUT /api/v1/studies/{slug}/rollouts/{rollout_id}/recording": None,
+    "POST /api/v1/studies/{slug}/rollouts/{rollout_id}/measurements": WITH_EVENTS,
 }
 PATHS = [
     ("/api/v1/studies/short/sessions", SMALL),

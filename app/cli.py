@@ -384,10 +384,11 @@ def replay(slug: Slug, data_dir: DataDir = None) -> None:
     """Work every trial out again from the responses; exit 1 if anything comes out otherwise."""
     from app.services.sessions.replay import replay as replay_study
 
-    different = queries = trials = 0
+    different = queries = trials = withdrawn = 0
     for trial in replay_study(app_context_of(data_dir), slug):
         trials += 1
         queries += trial.queries
+        withdrawn += trial.withdrawn
         different += len(trial.differences)
         for difference in trial.differences:
             out.print(
@@ -396,6 +397,8 @@ def replay(slug: Slug, data_dir: DataDir = None) -> None:
                 f"worked out {difference.worked_out}"
             )
     out.print(f"{trials} trials, {queries} queries replayed; {different} came out otherwise.")
+    if withdrawn:
+        out.print(f"{withdrawn} responses are not learnt from: their recordings were withdrawn.")
     raise Exit(1 if different else 0)
 
 

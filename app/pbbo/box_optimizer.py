@@ -1,11 +1,12 @@
 """Ask and tell where candidates are not a list but a box (`Box`): the same method and belief.
 
-A proposal is a pure function of (box, settings, new, history, excluded points, seed, index). What
+A proposal is a pure function of (box, settings, new, history, pending pairs, excluded and
+unavailable points, seed, index). What
 the finite optimiser does over all candidates is done here over a design (`box_design`) that is made
 afresh for each query from the seed and the belief. The belief itself knows the points shown alone.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any, Final, Self
 
 import numpy as np
@@ -26,7 +27,14 @@ from .errors import (
 )
 from .methods import method_named
 from .one_thread import one_thread
-from .preferences import Response, SkipReason, TrialType, checked_response, checked_share
+from .preferences import (
+    Preference,
+    Response,
+    SkipReason,
+    TrialType,
+    checked_response,
+    checked_share,
+)
 from .randomness import Purpose, checked_seed, generator
 from .settings import Settings
 from .skip_synthesis import Learned
@@ -74,7 +82,9 @@ class BoxOptimizer:
         self._shown: list[FloatArray] = []
         self._rows: dict[Key, int] = {}
         self._excluded: dict[Key, FloatArray] = {}
+        self._unavailable: set[Key] = set()
         self._last: frozenset[int] = frozenset()
+        self._unanswered: list[frozenset[int]] = []
         self._pending: BoxQuery | None = None
         self._belief: BoxBelief | FitError | None = None
         self._whole: FloatArray | None = None
@@ -90,17 +100,26 @@ class BoxOptimizer:
         settings: Settings | None = None,
         new: int = 1,
         excluded: Iterable[Any] = (),
+        unavailable: Iterable[Any] = (),
+        pending: Iterable[tuple[Any, Any]] = (),
     ) -> Self:
         """The optimiser after exactly these (left, right, response), oldest first.
 
         An entry may have the reason of a skip as a fourth part.  excluded: points that were
-        excluded meanwhile, in any order.
+        excluded meanwhile, in any order.  unavailable: points that are not proposed although
+        nothing is known against them.  pending: pairs that are shown and wait for a response,
+        oldest first. They are not proposed again, and their points count as shown.
         """
         optimizer = cls(space, method, seed, settings, new=new)
         for place, entry in enumerate(history):
             optimizer._record(*optimizer._checked_entry(place, entry))
         for point in excluded:
             optimizer.exclude(point)
+        for point in unavailable:
+            optimizer._unavailable.add(space.key(space.checked_point(point)))
+        for pair in pending:
+            optimizer._await(*optimizer._checked_pair(pair))
+        optimizer._require_two_points()
         return optimizer
 
     def ask(self) -> BoxQuery:
@@ -128,14 +147,7 @@ class BoxOptimizer:
         """
         checked = self._box.checked_point(point)
         key = self._box.key(checked)
-        grid = self._box.grid
-        if grid is not None:
-            left = {self._box.key(one) for one in grid} - {*self._excluded, key}
-            if len(left) < 2:
-                raise PointError(
-                    "exclude: expected two points at least that may still be proposed, "
-                    f"got {len(left)} of {len(grid)}"
-                )
+        self._require_two_points(besides=key)
         self._excluded[key] = checked
         self._belief = None
         waiting = self._pending
@@ -144,6 +156,18 @@ class BoxOptimizer:
             self._box.key(waiting.right),
         ):
             self._pending = None
+
+    def _require_two_points(self, besides: Key | None = None) -> None:
+        """Raise `PointError` if fewer than two points may be proposed, without this one."""
+        grid = self._box.grid
+        if grid is None:
+            return
+        left = set(self._box.keys(grid)) - self._excluded.keys() - self._unavailable - {besides}
+        if len(left) < 2:
+            raise PointError(
+                "exclude: expected two points at least that may still be proposed, "
+                f"got {len(left)} of {len(grid)}"
+            )
 
     def best(self) -> FloatArray:
         """The point with the largest posterior mean over the box; (d,).
@@ -190,12 +214,17 @@ class BoxOptimizer:
 
     @property
     def shown(self) -> FloatArray:
-        """The different points that were in a query answered so far, in order; (p, d)."""
+        """The different points of queries answered so far, then of those pending; (p, d)."""
         return np.array(self._shown).reshape(-1, self._box.dimensions)
 
     @property
+    def preferences(self) -> tuple[Preference, ...]:
+        """What has been learned so far, in order; winner and loser are rows of `shown`."""
+        return self._learned.preferences
+
+    @property
     def responses(self) -> int:
-        """How many responses were taken, skips included: the index of the next query."""
+        """How many responses were taken, skips included."""
         return self._told
 
     @property
@@ -211,6 +240,13 @@ class BoxOptimizer:
         self._learned.record(self._told, one, other, response, meant)
         self._told += 1
         self._last = frozenset((one, other))
+        self._pending = None
+        self._belief = None
+
+    def _await(self, left: FloatArray, right: FloatArray) -> None:
+        """Take a pair that is shown and not answered."""
+        self._last = frozenset((self._row(left), self._row(right)))
+        self._unanswered.append(self._last)
         self._pending = None
         self._belief = None
 
@@ -242,8 +278,16 @@ class BoxOptimizer:
             )
         return left, right, *checked
 
+    def _checked_pair(self, pair: object) -> tuple[FloatArray, FloatArray]:
+        if not isinstance(pair, Sequence) or len(pair) != 2:
+            raise HistoryError(f"pending: expected pairs of points, got {pair!r}")
+        left, right = (self._box.checked_point(point) for point in pair)
+        if self._box.key(left) == self._box.key(right):
+            raise HistoryError(f"pending: expected two different points, got {left.tolist()} twice")
+        return left, right
+
     def _propose(self) -> BoxQuery:
-        index = self._told
+        index = self._told + len(self._unanswered)
         trial_type, acquisition, pair = self._choose(index)
         if generator(self._seed, Purpose.SIDES, index).integers(2):
             pair = pair[::-1]
@@ -262,8 +306,11 @@ class BoxOptimizer:
             return "random", "random-fallback", self._first_pair(index, known)
 
     def _may_be_shown_again(self) -> list[int]:
-        """The rows of shown points that were not excluded."""
-        return [row for key, row in self._rows.items() if key not in self._excluded]
+        """The rows of shown points that may still be proposed."""
+        return [row for key, row in self._rows.items() if not self._is_barred(key)]
+
+    def _is_barred(self, key: Key) -> bool:
+        return key in self._excluded or key in self._unavailable
 
     def _first_pair(self, index: int, known: list[int]) -> tuple[FloatArray, FloatArray]:
         """Quasi-random points, two for each query; with `new` 1 one, against the last choice."""
@@ -271,7 +318,7 @@ class BoxOptimizer:
         unseen = [
             point
             for point, key in zip(points, self._box.keys(points), strict=True)
-            if key not in self._rows and key not in self._excluded
+            if key not in self._rows and not self._is_barred(key)
         ]
         if self._new == 1 and known and unseen:
             choice = self._learned.last_choice
@@ -298,13 +345,13 @@ class BoxOptimizer:
             boldness[index % len(boldness)],
             self._last,
             known=again if self._new == 1 and len(again) else None,
-            barred=self._excluded_rows(points),
+            barred=self._barred_rows(points),
+            pending=self._unanswered,
         )
         return points[pair[0]], points[pair[1]]
 
-    def _excluded_rows(self, points: FloatArray) -> IndexArray:
-        keys = self._box.keys(points)
-        rows = [row for row, key in enumerate(keys) if key in self._excluded]
+    def _barred_rows(self, points: FloatArray) -> IndexArray:
+        rows = [row for row, key in enumerate(self._box.keys(points)) if self._is_barred(key)]
         return np.array(rows, dtype=np.intp)
 
     def _points_of_whole(self) -> FloatArray:
@@ -313,9 +360,9 @@ class BoxOptimizer:
         return self._whole
 
     def _allowed_points(self) -> FloatArray:
-        """Points over the whole box that were not excluded; (n, d)."""
+        """Points over the whole box that may be proposed; (n, d)."""
         whole = self._points_of_whole()
-        allowed = [key not in self._excluded for key in self._box.keys(whole)]
+        allowed = [not self._is_barred(key) for key in self._box.keys(whole)]
         return whole[allowed]
 
     def _uninformed(self) -> FloatArray:

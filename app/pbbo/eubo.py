@@ -8,7 +8,7 @@ The deviation of f_a - f_b may be multiplied by a boldness: above 1, a pair is c
 could turn out to be.
 """
 
-from collections.abc import Set
+from collections.abc import Collection, Set
 from typing import Final
 
 import numpy as np
@@ -38,10 +38,12 @@ def eubo_pair(
     last: Set[int],
     known: IndexArray | None = None,
     barred: IndexArray | None = None,
+    pending: Collection[Set[int]] = (),
 ) -> tuple[int, int]:
     """The pair with the largest expected utility of its better candidate, but not `last` again.
 
     known: if given, one of the pair is among these rows.  barred: rows that no pair may have.
+    pending: further pairs that are not to be shown again.
     """
     listed = shortlist(belief, boldness, known, barred)
     row, column = np.triu_indices(len(listed), 1)
@@ -54,9 +56,9 @@ def eubo_pair(
         if weight >= LEAST_WEIGHT:
             utility += weight * expected_best(part, listed, boldness)[row, column]
     n = len(belief.mean)
-    for pair in np.argsort(-utility, kind="stable")[:2]:
+    for pair in np.argsort(-utility, kind="stable")[: 2 + len(pending)]:
         first, second = int(listed[row[pair]]), int(listed[column[pair]])
-        if allowed(first, second, n, last):
+        if allowed(first, second, n, last) and {first, second} not in pending:
             return first, second
     # All but the last pair is barred: it is shown again rather than nothing.
     if len(row):

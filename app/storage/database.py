@@ -83,6 +83,11 @@ class Database:
             session.flush()
             commit(session)
 
+    def is_writing(self, db: Session) -> bool:
+        """Whether this ORM session is one of `write()`."""
+        engine = db.get_bind()
+        return bool(engine.get_execution_options().get(_WRITES, False))
+
     @contextmanager
     def _writer_turn(self) -> Iterator[None]:
         """Serialise the writers of this process on SQLite, which takes one at a time.

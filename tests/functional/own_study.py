@@ -56,7 +56,7 @@ def write_own_study(folder: Path, more: str = "") -> Path:
         (folder / "texts" / "ja" / text.name).write_text("日本語の文章。\n", encoding="utf-8")
     (folder / "recordings.csv").write_text(RECORDINGS, encoding="utf-8")
     for shade, name in enumerate("abcd"):
-        _write_video(folder / "videos" / f"{name}.mp4", 60 * shade)
+        write_video(folder / "videos" / f"{name}.mp4", 60 * shade)
     return folder
 
 
@@ -78,7 +78,7 @@ def frames(video: Path | bytes) -> list[bytes]:
         return [frame.to_ndarray().tobytes() for frame in container.decode(video=0)]
 
 
-def _write_video(path: Path, shade: int) -> None:
+def write_video(path: Path, shade: int) -> None:
     path.parent.mkdir(exist_ok=True)
     picture = np.full((32, 32, 3), shade, dtype=np.uint8)
     with av.open(path, mode="w") as container:

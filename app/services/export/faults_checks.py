@@ -26,6 +26,7 @@ from .table import (
     number,
     of_trials,
     recording_names,
+    recording_of,
     text,
     trials_of,
 )
@@ -66,8 +67,8 @@ def _faults_rows(db: Session, request: Request) -> Iterator[Row]:
             query.trial_type,
             query.left_candidate,
             query.right_candidate,
-            names[query.left_recording_id],
-            names[query.right_recording_id],
+            recording_of(names, query.left_recording_id),
+            recording_of(names, query.right_recording_id),
             query.shown_at,
             query.set_aside_at,
             query.fault,

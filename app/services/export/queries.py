@@ -41,6 +41,7 @@ from .table import (
     parameters,
     points,
     recording_names,
+    recording_of,
     text,
 )
 
@@ -128,8 +129,8 @@ def _queries_rows(db: Session, request: Request) -> Iterator[Row]:
             query.trial_type,
             query.left_candidate,
             query.right_candidate,
-            names[query.left_recording_id],
-            names[query.right_recording_id],
+            recording_of(names, query.left_recording_id),
+            recording_of(names, query.right_recording_id),
             *by_candidate[trial.environment, query.left_candidate],
             *by_candidate[trial.environment, query.right_candidate],
             pressed,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from datetime import UTC, date, datetime, time, timedelta
 from typing import Any
@@ -197,6 +197,11 @@ def recording_names(db: Session, request: Request) -> dict[int, str]:
             .where(Candidate.study_id == request.study.id)
         )
     }
+
+
+def recording_of(names: Mapping[int, str], recording_id: int | None) -> str | None:
+    """The name of a query's recording; None while a machine has not recorded it."""
+    return None if recording_id is None else names[recording_id]
 
 
 def recording_name(environment: str, candidate_index: int, run_index: int) -> str:

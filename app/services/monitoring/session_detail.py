@@ -183,6 +183,8 @@ def _trial(
             acquired=None if query.set_aside_at else acquired.get(query.query_index),
         )
         for query in trial.queries
+        # A pair that a machine has not recorded yet was not shown.
+        if query.left_recording is not None and query.right_recording is not None
     )
     return TrialDetail(
         index=trial.trial_index,

@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import multiprocessing
 import threading
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,9 @@ from threadpoolctl import threadpool_limits
 
 from app.pbbo import FitError, Preference, PreferenceOptimizer, Query, Settings, has_posterior
 from app.services.runtime.child_process import set_up_child_process
+
+T = TypeVar("T")
+R = TypeVar("R")
 
 #: One answered query: left candidate, right candidate, "left" | "right" | "skip", and the reason of
 #: a skip if the method learns from reasons.
@@ -102,17 +105,21 @@ class FitProcess:
         self.is_ready = False
 
     def compute_steps(self, requests: Sequence[StepRequest]) -> list[StepResult]:
-        """Compute these steps in the child process; blocks the calling thread only.
+        """Compute these steps in the child process; blocks the calling thread only."""
+        return self.map(compute_step, requests)
+
+    def map(self, compute: Callable[[T], R], requests: Sequence[T]) -> list[R]:
+        """Apply `compute` to each request in the child process, in order.
 
         All requests are sent in one message, which costs this process about a millisecond. If the
-        child was killed, it is started again once.
+        child was killed, it is started again once. compute: a function of a module.
         """
         try:
-            results = self._open().submit(compute_steps, requests).result()
+            results = self._open().submit(_compute_all, compute, requests).result()
         except BrokenProcessPool:
             # The child was killed, for example by the OOM killer.
             self.close()
-            results = self._open().submit(compute_steps, requests).result()
+            results = self._open().submit(_compute_all, compute, requests).result()
         self.is_ready = True
         return results
 
@@ -134,6 +141,10 @@ class FitProcess:
                     initializer=_begin,
                 )
             return self._pool
+
+
+def _compute_all(compute: Callable[[T], R], requests: Sequence[T]) -> list[R]:
+    return [compute(request) for request in requests]
 
 
 def _begin() -> None:

@@ -25,6 +25,7 @@ from app.storage.database import Database
 from app.storage.models.studies import Candidate, Recording
 from app.study.attention_checks import Checks
 
+from .box_proposer import BoxProposer
 from .computation import (
     AcquiredCandidate,
     FitProcess,
@@ -59,14 +60,15 @@ class RecordingRef:
 class CandidateSet:
     """The candidates of one environment and their recordings.
 
-    candidates: (n, d). recordings: n tuples of one or more. parameters: the d names of the columns.
+    candidates: (n, d). recordings: n tuples of one or more, or in a search space given by ranges of
+    none or more, as far as they were recorded. parameters: the d names of the columns.
     """
 
     candidates: NDArray[np.float64] = field(repr=False)
     recordings: tuple[tuple[RecordingRef, ...], ...] = field(repr=False)
     parameters: tuple[str, ...] = ()
 
-    def recording(self, candidate: int, recording_id: int) -> RecordingRef:
+    def recording(self, candidate: int, recording_id: int | None) -> RecordingRef:
         """The recording with this primary key among the candidate's recordings."""
         return next(
             recording for recording in self.recordings[candidate] if recording.id == recording_id
@@ -153,18 +155,25 @@ class Proposer:
         self._lock = Lock()
         self._steps = StepCache[NextStep]()
         self._fit_process = FitProcess()
+        #: Steps over search spaces given by ranges.
+        self.boxes = BoxProposer(self._fit_process, metrics)
         #: Posteriors for session pages.
         self.posteriors = PosteriorCache()
 
     def candidate_set(self, study_id: int, environment: str) -> CandidateSet:
-        """The candidates and recordings of a study's environment, cached: they never change."""
+        """The candidates and recordings of a study's environment.
+
+        Cached, because lists of candidates never change. Those of a search space given by ranges
+        do, and are read at each call.
+        """
         key = (study_id, environment)
         with self._lock:
             candidate_set = self._candidate_sets.get(key)
         if candidate_set is None:
-            candidate_set = _read_candidate_set(self._database, study_id, environment)
-            with self._lock:
-                self._candidate_sets[key] = candidate_set
+            candidate_set, grows = _read_candidate_set(self._database, study_id, environment)
+            if not grows:
+                with self._lock:
+                    self._candidate_sets[key] = candidate_set
         return candidate_set
 
     def step(self, trial: TrialSpec, history: History) -> NextStep:
@@ -181,15 +190,17 @@ class Proposer:
         """Drop everything cached for these deleted trials, and cache nothing more for them."""
         self.posteriors.purge(seeds)
         self._steps.purge(seeds)
+        self.boxes.purge(seeds)
 
     def cached_seeds(self) -> frozenset[int]:
         """The seeds of all trials with a cached step or posterior."""
-        return self.posteriors.seeds() | self._steps.seeds()
+        return self.posteriors.seeds() | self._steps.seeds() | self.boxes.seeds()
 
     def evict(self, seeds: frozenset[int]) -> None:
         """Drop everything cached for these trials; it is computed again on request."""
         self.posteriors.evict(seeds)
         self._steps.evict(seeds)
+        self.boxes.evict(seeds)
 
     def cached_step(self, trial: TrialSpec, history: History) -> NextStep | None:
         """The step after `history` if it is cached, otherwise None."""
@@ -317,12 +328,16 @@ def _next_query(
     )
 
 
-def _read_candidate_set(database: Database, study_id: int, environment: str) -> CandidateSet:
+def _read_candidate_set(
+    database: Database, study_id: int, environment: str
+) -> tuple[CandidateSet, bool]:
+    """The candidates of an environment, and whether more may be added to them later."""
     with database.read() as db:
         rows = db.execute(
             select(
                 Candidate.candidate_index,
                 Candidate.parameters,
+                Candidate.point_key,
                 Recording.id,
                 Recording.public_id,
                 Recording.duration_s,
@@ -330,19 +345,24 @@ def _read_candidate_set(database: Database, study_id: int, environment: str) -> 
                 Recording.locator,
                 Recording.score,
             )
-            .join(Recording, Recording.candidate_id == Candidate.id)
+            .outerjoin(Recording, Recording.candidate_id == Candidate.id)
             .where(Candidate.study_id == study_id, Candidate.environment == environment)
             .order_by(Candidate.candidate_index, Recording.run_index)
         ).all()
     names: tuple[str, ...] = ()
     points: dict[int, list[float]] = {}
     recordings: dict[int, list[RecordingRef]] = {}
-    for index, parameters, *recording in rows:
+    grows = not rows
+    for index, parameters, point_key, *recording in rows:
         names = tuple(parameters)
         points[index] = list(parameters.values())
-        recordings.setdefault(index, []).append(RecordingRef(*recording))
-    return CandidateSet(
+        grows = grows or point_key is not None
+        held = recordings.setdefault(index, [])
+        if recording[0] is not None:
+            held.append(RecordingRef(*recording))
+    candidate_set = CandidateSet(
         np.array([points[index] for index in sorted(points)], dtype=np.float64),
         tuple(tuple(recordings[index]) for index in sorted(recordings)),
         names,
     )
+    return candidate_set, grows

@@ -22,9 +22,9 @@ from .computation import History
 from .proposer import CandidateSet, NextStep, ProposedQuery, RecordingRef, TrialSpec
 
 #: Separate the random streams from the other uses of a trial's seed.
-_REPLACEMENT_DRAW = 104
+REPLACEMENT_DRAW = 104
 _SCHEDULE_DRAW = 106
-_CHECK_DRAW = 107
+CHECK_DRAW = 107
 
 #: Type of a random pair in place of a check that could not be shown. It is not learnt from.
 FILLER = "filler"
@@ -34,16 +34,17 @@ FILLER = "filler"
 class AskedQuery:
     """A stored query with its response.
 
-    left, right: candidate indices. left_recording, right_recording: primary keys. repeats: index of
-    the repeated query. response: None while the query is open.
+    left, right: candidate indices. left_recording, right_recording: primary keys; None while a
+    machine has not recorded the video. repeats: index of the repeated query. response: None while
+    the query is open.
     """
 
     query_index: int
     trial_type: str
     left: int
     right: int
-    left_recording: int
-    right_recording: int
+    left_recording: int | None
+    right_recording: int | None
     acquisition: str
     engine_version: str
     repeats: int | None
@@ -110,7 +111,7 @@ def check_at(
     candidate_set: CandidateSet, trial: TrialSpec, record: AnsweredQueries, place: int
 ) -> ProposedQuery:
     """The check at this index. It does not depend on the immediately preceding response."""
-    rng = np.random.default_rng([trial.seed, _CHECK_DRAW, place])
+    rng = np.random.default_rng([trial.seed, CHECK_DRAW, place])
     if kind_at(trial, place) is Kind.ATTENTION:
         check = attention(candidate_set, trial, place, rng)
         if check is not None:
@@ -129,19 +130,9 @@ def _repeat(
     place: int,
     rng: np.random.Generator,
 ) -> ProposedQuery:
-    """An earlier query with its sides swapped, never the one just before, which is remembered."""
-    done = {shown.repeats for shown in record}
-    open_to_it = [
-        shown
-        for shown in record
-        if shown.query_index < place - 1
-        and shown.query_index not in done
-        and kind_at(trial, shown.query_index) is Kind.MODEL
-    ]
-    # Consistency can be measured on choices; a skipped query is repeated only if there is no other.
-    chosen = [shown for shown in open_to_it if shown.response != "skip"] or open_to_it
-    earlier = chosen[int(rng.integers(len(chosen)))]
-    by_id = {
+    """An earlier query with its sides swapped."""
+    earlier = repeated(trial, record, place, rng)
+    by_id: dict[int | None, RecordingRef] = {
         recording.id: recording
         for side in (earlier.left, earlier.right)
         for recording in candidate_set.recordings[side]
@@ -161,6 +152,26 @@ def _repeat(
     )
 
 
+def repeated(
+    trial: TrialSpec, record: AnsweredQueries, place: int, rng: np.random.Generator
+) -> AskedQuery:
+    """The query that the repeat at this index shows again.
+
+    Never the one just before it, which is remembered.
+    """
+    done = {shown.repeats for shown in record}
+    open_to_it = [
+        shown
+        for shown in record
+        if shown.query_index < place - 1
+        and shown.query_index not in done
+        and kind_at(trial, shown.query_index) is Kind.MODEL
+    ]
+    # Consistency can be measured on choices; a skipped query is repeated only if there is no other.
+    chosen = [shown for shown in open_to_it if shown.response != "skip"] or open_to_it
+    return chosen[int(rng.integers(len(chosen)))]
+
+
 def replacement(
     candidate_set: CandidateSet,
     trial: TrialSpec,
@@ -175,7 +186,7 @@ def replacement(
     """
     last = tried[-1]
     place = last.query_index
-    rng = np.random.default_rng([trial.seed, _REPLACEMENT_DRAW, last.query_index, len(tried)])
+    rng = np.random.default_rng([trial.seed, REPLACEMENT_DRAW, last.query_index, len(tried)])
     spent = {recording for shown in tried for recording in _recordings(shown)}
 
     if last.trial_type == Kind.ATTENTION:
@@ -269,5 +280,5 @@ def _other_candidates(
     )
 
 
-def _recordings(shown: AskedQuery) -> tuple[int, int]:
+def _recordings(shown: AskedQuery) -> tuple[int | None, int | None]:
     return shown.left_recording, shown.right_recording

@@ -196,6 +196,10 @@ class SetAsideError(ResponseRefusedError):
     """The query was set aside for a technical fault and has been replaced."""
 
 
+class NotRecordedYetError(ResponseRefusedError):
+    """The query's videos do not exist yet: a machine records them."""
+
+
 class NothingToShowError(ConflictError):
     """Fewer than two candidates of the study have an available video."""
 

@@ -24,13 +24,21 @@ from app.study import stages
 from app.study.stage_settings import Device
 from app.study.stages import Stage
 
-from . import consents, familiarisation, lookup, trial_start
+from . import box_queries, box_settling, consents, familiarisation, lookup, trial_start
 from . import state_view as session_state
 from .state_view import State
 
 
 def current(app: AppContext, token: str) -> State:
-    """The state of the session."""
+    """The state of the session.
+
+    In a study whose videos are made by machines, recordings that exist by now are bound first.
+    """
+    with app.database.read() as db:
+        session = lookup.find(app, db, token)
+        if not box_settling.is_over_space(session):
+            return session_state.describe(app, db, session)
+    box_settling.settle(app, token)
     with app.database.read() as db:
         return session_state.describe(app, db, lookup.find(app, db, token))
 
@@ -62,6 +70,9 @@ def consent(app: AppContext, token: str, version: str, *, successor: str | None 
             session.receipt_hash = receipt_hash(receipt_code(successor))
             db.execute(delete(Reentry).where(Reentry.session_id == session.id))
         state = session_state.describe(app, db, session)
+        if repository.stored_plan(session.plan).has_ranges:
+            box_queries.ask_first_ahead(app, db, session, trial_start.first_spec(session))
+            return state
         first = trial_start.first_query(app, session)
         recordings = [*familiarisation.device_check_videos(app, session), first.left, first.right]
         recordings.extend(familiarisation.videos(app, session))

@@ -43,7 +43,7 @@ def padded(
             (query.left, query.left_recording),
             (query.right, query.right_recording),
         ):
-            if recording not in known:
+            if recording is not None and recording not in known:
                 others[recording] = candidate_set.recording(candidate, recording)
     # The same list each time it is asked for, or a second look would tell which videos belong.
     generator = np.random.default_rng([trial.seed, _PADDING_DRAW, trial.asked.query_index])

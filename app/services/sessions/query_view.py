@@ -51,18 +51,24 @@ def describe(
             app, session, candidate_set.recording(query.right, query.right_recording), place
         ),
         "skip": skip_of(plan, condition, session.language),
-        "prefetch": list(dict.fromkeys(_address(app, session, clip, then) for clip in clips)),
+        "prefetch": list(dict.fromkeys(address(app, session, clip, then) for clip in clips)),
     }
     if practising:
         state["practice"] = True
-    if undo := _undo(app, db, session, trial):
+    return state | options(app, db, session, trial)
+
+
+def options(app: AppContext, db: Session, session: SessionRow, trial: OpenQuery) -> dict[str, Any]:
+    """The optional keys of `query`: an undo that is offered now, and whether to watch once."""
+    state: dict[str, Any] = {}
+    if undo := undo_offer(app, db, session, trial):
         state["undo"] = undo
-    if plan.query.watch_once:
+    if stored_plan(session.plan).query.watch_once:
         state["watch_once"] = True
     return state
 
 
-def _undo(
+def undo_offer(
     app: AppContext, db: Session, session: SessionRow, trial: OpenQuery
 ) -> dict[str, str | float] | None:
     """The `undo` of STATE, or None: the query whose response may be undone, and seconds left."""
@@ -75,10 +81,11 @@ def _undo(
 
 def video(app: AppContext, session: SessionRow, clip: RecordingRef, place: Place) -> dict[str, Any]:
     """A recording in STATE: its URL for this session and place, and its duration."""
-    return {"url": _address(app, session, clip, place), "duration_s": clip.duration_s}
+    return {"url": address(app, session, clip, place), "duration_s": clip.duration_s}
 
 
-def _address(app: AppContext, session: SessionRow, clip: RecordingRef, place: Place) -> str:
+def address(app: AppContext, session: SessionRow, clip: RecordingRef, place: Place) -> str:
+    """The URL of a recording for this session and place."""
     return video_url(app.addresses.of(session, clip.id, place))
 
 

@@ -21,7 +21,7 @@ from app.services.studies import repository
 from app.storage.models.studies import Acquired, PreferenceRow, QueryRow, SessionRow, Trial
 from app.study.stage_settings import PRACTICE_INDEX
 
-from . import queries
+from . import box_replay, queries
 from .derived_rows import preferences
 
 
@@ -46,6 +46,8 @@ class Replayed:
     trial_index: int
     condition: str
     queries: int
+    #: Responses that were judged on recordings withdrawn since, and are not learnt from.
+    withdrawn: int
     differences: tuple[Difference, ...]
 
 
@@ -66,11 +68,16 @@ def replay(app: AppContext, slug: str) -> Iterator[Replayed]:
                 trial_index=trial.trial_index,
                 condition=trial.condition,
                 queries=len(trial.queries),
+                withdrawn=box_replay.withdrawn(trial),
                 differences=tuple(_differences(app, db, trial)),
             )
 
 
 def _differences(app: AppContext, db: Session, trial: Trial) -> Iterator[Difference]:
+    if repository.stored_plan(trial.session.plan).has_ranges:
+        for one in box_replay.differences(db, trial):
+            yield Difference(one.what, one.stored, one.computed)
+        return
     spec = queries.trial_spec(
         trial.session, trial.trial_index, trial.seed, trial.queries[0].engine_version
     )

@@ -25,9 +25,11 @@ from app.services.proposals.trial_schedule import (
     training_history,
     training_records,
 )
+from app.services.rollouts import requests
 from app.services.runtime.errors import (
     AlreadyAnsweredError,
     ConflictError,
+    NotRecordedYetError,
     SetAsideError,
     SkipNotOfferedError,
     SkipReasonError,
@@ -39,8 +41,21 @@ from app.study import stages
 from app.study.stage_settings import PRACTICE_INDEX
 from app.study.stages import Stage
 
-from . import derived_rows, event_limits, lookup, queries, trial_start
+from . import (
+    box_next,
+    box_queries,
+    box_settling,
+    box_trials,
+    candidate_rows,
+    derived_rows,
+    event_limits,
+    lookup,
+    queries,
+    trial_start,
+)
 from . import state_view as session_state
+from .box_next import Computed, Following
+from .box_trials import BoxTrial
 from .queries import ClientEvent, OpenQuery
 from .state_view import State
 
@@ -98,6 +113,13 @@ class _StepNeeded:
 
 
 @dataclass(frozen=True)
+class _ComputationNeeded:
+    """The same in a study over ranges."""
+
+    following: Following
+
+
+@dataclass(frozen=True)
 class _Stored:
     """The response is stored. opened: the query that follows in the same trial; session: its."""
 
@@ -119,17 +141,29 @@ def respond(app: AppContext, token: str, answer: Answer) -> State:
             # The history is still valid: undoing an earlier response would have deleted this query.
             attempt = _attempt(app, token, answer, step)
             assert not isinstance(attempt, _StepNeeded)
+        for _ in range(box_settling.MOST_ROUNDS):
+            if isinstance(attempt, _ComputationNeeded):
+                computed = box_next.compute(app.proposer.boxes, attempt.following)
+                attempt = _attempt(app, token, answer, None, computed)
+                assert not isinstance(attempt, _StepNeeded)
+        if isinstance(attempt, _ComputationNeeded):
+            raise ConflictError("expected what is excluded to settle; send the response again")
         with app.database.read() as db:
             session = attempt.session or lookup.find(app, db, token)
             return session_state.describe(app, db, session, attempt.opened)
 
 
 def _attempt(
-    app: AppContext, token: str, answer: Answer, step: NextStep | None
-) -> _StepNeeded | _Stored:
+    app: AppContext,
+    token: str,
+    answer: Answer,
+    step: NextStep | None,
+    computed: Computed | None = None,
+) -> _StepNeeded | _ComputationNeeded | _Stored:
     """Store a response and what follows, or write nothing if its step is neither given nor cached.
 
-    step: the step after the response, if it was computed for it.
+    step: the step after the response, if it was computed for it. computed: the same in a study over
+    ranges.
     """
     with app.database.write() as db:
         session = lookup.find(app, db, token, to_write=True)
@@ -137,6 +171,8 @@ def _attempt(
         if not _is_new(session, query, answer):
             return _Stored()
         asked = _read(db, session, query, answer)
+        if stored_plan(session.plan).has_ranges:
+            return _attempt_over_space(app, db, session, query, answer, asked, computed)
         if not asked.is_practice:
             is_computed = step is not None
             step = step or app.proposer.cached_step(asked.trial, asked.history)
@@ -145,6 +181,55 @@ def _attempt(
             app.metrics.step_asked(ahead=not is_computed)
         opened = _store(app, db, session, query, answer, asked, step)
     return _Stored(opened, session if opened is not None else None)
+
+
+def _attempt_over_space(
+    app: AppContext,
+    db: Session,
+    session: SessionRow,
+    query: QueryRow,
+    answer: Answer,
+    asked: _ResponseContext,
+    given: Computed | None,
+) -> _ComputationNeeded | _Stored:
+    """The same for a search space given by ranges, whose videos machines record.
+
+    given: what follows the response, if it was computed for it. It is computed again if what is
+    excluded has changed meanwhile.
+    """
+    trial = box_trials.trial_of(session, asked.trial)
+    assert trial is not None
+    following = box_queries.read_following(db, trial, query.trial_id, asked.record)
+    is_given = given is not None and given.following == following
+    computed = given if is_given else box_next.cached(app.proposer.boxes, following)
+    if computed is None:
+        return _ComputationNeeded(following)
+    app.metrics.step_asked(ahead=not is_given)
+    _store_over_space(app, db, session, query, answer, asked, trial, computed)
+    return _Stored()
+
+
+def _store_over_space(
+    app: AppContext,
+    db: Session,
+    session: SessionRow,
+    query: QueryRow,
+    answer: Answer,
+    asked: _ResponseContext,
+    trial: BoxTrial,
+    computed: Computed,
+) -> None:
+    """Write the response, its derived rows and the next query, and ask for its videos."""
+    now = _write_response(app, db, session, query, answer)
+    candidates = candidate_rows.find_or_add(db, trial, computed.points)
+    if is_training(asked.trial, query.trial_type):
+        box_queries.store_derived(db, query, computed, candidates, asked.record)
+    if session.stage == Stage.QUERY and session.trial_index == query.trial.trial_index:
+        box_queries.open_following(db, trial, query.trial_id, computed, candidates, now)
+        return
+    query.trial.ended_at = now
+    requests.take_back(db, query.trial_id, (), now)
+    trial_start.enter_stage(app, db, session)
 
 
 def _read(db: Session, session: SessionRow, query: QueryRow, answer: Answer) -> _ResponseContext:
@@ -181,19 +266,7 @@ def _store(
 
     Raises OutOfOrder, before anything is written, if the session's open query is another one.
     """
-    now = app.now()
-    lookup.advance(app, session, stages.Responded(query_index=query.query_index, at=now))
-    given = {
-        "query_id": query.id,
-        "response": answer.response,
-        "skip_reason": answer.skip_reason,
-        "rt_ms": answer.rt_ms,
-        "answered_at": now,
-        "plan_id": session.plan_id,
-    }
-    insert_rows(db, Response, [given])
-    set_committed_value(query, "response", Response(**given))
-    event_limits.store(db, session, query, answer.client_events, answer.left_out, now)
+    now = _write_response(app, db, session, query, answer)
     if step is None:
         _continue_practice(app, db, session, query, now)
         return None
@@ -207,6 +280,26 @@ def _store(
     query.trial.ended_at = now
     trial_start.enter_stage(app, db, session)
     return None
+
+
+def _write_response(
+    app: AppContext, db: Session, session: SessionRow, query: QueryRow, answer: Answer
+) -> datetime:
+    """Advance the session and write the response with its client events; the time of both."""
+    now = app.now()
+    lookup.advance(app, session, stages.Responded(query_index=query.query_index, at=now))
+    given = {
+        "query_id": query.id,
+        "response": answer.response,
+        "skip_reason": answer.skip_reason,
+        "rt_ms": answer.rt_ms,
+        "answered_at": now,
+        "plan_id": session.plan_id,
+    }
+    insert_rows(db, Response, [given])
+    set_committed_value(query, "response", Response(**given))
+    event_limits.store(db, session, query, answer.client_events, answer.left_out, now)
+    return now
 
 
 def _open(
@@ -281,13 +374,20 @@ def report_fault(app: AppContext, token: str, report: FaultReport) -> State:
         trial = queries.trial_spec(
             session, query.trial.trial_index, query.trial.seed, query.engine_version
         )
-        candidate_set = app.proposer.candidate_set(trial.study_id, trial.environment)
-        instead = replacement(candidate_set, trial, tried, app.recordings.is_available)
+        box = box_trials.trial_of(session, trial)
+        if box is None:
+            candidate_set = app.proposer.candidate_set(trial.study_id, trial.environment)
+            instead = replacement(candidate_set, trial, tried, app.recordings.is_available)
         now = app.now()
         query.set_aside_at = now
         query.fault = report.reason
         event_limits.store(db, session, query, report.client_events, report.left_out, now)
         queries.close_events(db, session, query, "set_aside")
+        if box is not None:
+            box_queries.open_replacement(app, db, box, query.trial_id, tried, now)
+            session.last_seen_at = now
+            db.flush()
+            return session_state.describe(app, db, session)
         db.add(trial_start.query_row(instead, now, trial_id=query.trial_id, attempt=len(tried)))
         session.last_seen_at = now
         db.flush()
@@ -298,9 +398,8 @@ def report_fault(app: AppContext, token: str, report: FaultReport) -> State:
 def _is_new(session: SessionRow, query: QueryRow, answer: Answer) -> bool:
     """Whether the query has no response yet.
 
-    Raises AlreadyAnsweredError if it has another response.
-
-    Raises SetAsideError if the query was replaced.
+    Raises AlreadyAnsweredError if it has another response, SetAsideError if the query was replaced,
+    and NotRecordedYetError if its videos do not exist yet.
     """
     if query.set_aside_at is not None:
         raise SetAsideError(
@@ -308,6 +407,11 @@ def _is_new(session: SessionRow, query: QueryRow, answer: Answer) -> bool:
             session.stage,
         )
     if query.response is None:
+        if query.left_recording_id is None or query.right_recording_id is None:
+            raise NotRecordedYetError(
+                "expected a response to a pair that is shown: its videos are not recorded yet",
+                session.stage,
+            )
         return True
     if query.response.response != answer.response:
         raise AlreadyAnsweredError(
@@ -341,9 +445,6 @@ def _check_reason(session: SessionRow, query: QueryRow, answer: Answer) -> None:
 
 
 def _shown(query: QueryRow, response: str, skip_reason: str | None) -> AskedQuery:
-    # Only a pair whose videos exist is answered.
-    assert query.left_recording_id is not None
-    assert query.right_recording_id is not None
     return AskedQuery(
         query_index=query.query_index,
         trial_type=query.trial_type,

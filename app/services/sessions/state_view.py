@@ -22,7 +22,7 @@ from app.study.plan import Plan
 from app.study.stages import AFTER_TRIAL, AT_THE_END, FINAL_STAGES, Progress, Stage, position
 from app.study.time_left import seconds_left
 
-from . import completion, consents, familiarisation, query_view
+from . import box_view, completion, consents, familiarisation, query_view
 from .queries import OpenQuery
 
 State = dict[str, Any]
@@ -75,7 +75,7 @@ def describe(
                 "speeds": list(plan.familiarisation.speeds),
             }
         case Stage.PRACTICE | Stage.QUERY:
-            state["query"] = query_view.describe(app, db, session, trial)
+            state |= _open_query(app, db, session, trial)
         case Stage.QUESTIONNAIRE:
             state["questionnaire"] = _questionnaire(plan, progress.query_index, session.language)
         case Stage.BREAK:
@@ -92,6 +92,15 @@ def describe(
             if way_back is not None:
                 state[progress.stage.value] = way_back
     return state
+
+
+def _open_query(
+    app: AppContext, db: Session, session: SessionRow, trial: OpenQuery | None
+) -> State:
+    """The `query` of STATE, and `waiting` while its videos are not recorded yet."""
+    if stored_plan(session.plan).has_ranges:
+        return box_view.describe(app, db, session, trial)
+    return {"query": query_view.describe(app, db, session, trial)}
 
 
 def study_of(plan: Plan, slug: str, language: str) -> dict[str, Any]:

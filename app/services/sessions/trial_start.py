@@ -9,14 +9,14 @@ from sqlalchemy.orm import Session
 
 from app.services.context import AppContext
 from app.services.proposals import practice_pairs
-from app.services.proposals.proposer import ProposedQuery
+from app.services.proposals.proposer import ProposedQuery, TrialSpec
 from app.services.runtime.ids import new_public_id
 from app.services.studies import repository
 from app.storage.models.studies import QueryRow, SessionRow, Trial
 from app.study.stage_settings import PRACTICE, PRACTICE_INDEX
 from app.study.stages import Stage
 
-from . import familiarisation, queries
+from . import box_queries, box_trials, familiarisation, queries
 
 
 def enter_stage(app: AppContext, db: Session, session: SessionRow) -> None:
@@ -26,6 +26,9 @@ def enter_stage(app: AppContext, db: Session, session: SessionRow) -> None:
     elif session.stage == Stage.PRACTICE:
         _begin_practice(app, db, session)
     elif session.stage in (Stage.BREAK, Stage.FAMILIARISATION):
+        if repository.stored_plan(session.plan).has_ranges:
+            box_queries.ask_first_ahead(app, db, session, first_spec(session))
+            return
         # Rendered ahead, so that the first pair is ready when the person continues.
         first = first_query(app, session)
         coming = [first.left, first.right]
@@ -37,7 +40,8 @@ def enter_stage(app: AppContext, db: Session, session: SessionRow) -> None:
 
 def _begin(app: AppContext, db: Session, session: SessionRow) -> None:
     """Store the trial that the session has entered, with its first query."""
-    first = first_query(app, session)
+    box = box_trials.trial_of(session, first_spec(session))
+    first = first_query(app, session) if box is None else None
     condition = repository.stored_plan(session.plan).conditions[
         session.trial_conditions[session.trial_index]
     ]
@@ -50,11 +54,14 @@ def _begin(app: AppContext, db: Session, session: SessionRow) -> None:
         environment=condition.environment,
         seed=queries.trial_seed(session, session.trial_index),
         started_at=now,
-        queries=[query_row(first, now)],
+        queries=[] if first is None else [query_row(first, now)],
     )
     db.add(trial)
     db.flush()
-    app.proposer.render([first.left, first.right])
+    if box is not None:
+        box_queries.open_first(app, db, box, trial.id)
+    elif first is not None:
+        app.proposer.render([first.left, first.right])
 
 
 def _begin_practice(app: AppContext, db: Session, session: SessionRow) -> None:
@@ -86,12 +93,16 @@ def practice_query(app: AppContext, session: SessionRow, query_index: int) -> Pr
 
 def first_query(app: AppContext, session: SessionRow) -> ProposedQuery:
     """The first query of the session's current trial. It is random, so no model is fitted."""
-    spec = queries.trial_spec(
-        session, session.trial_index, queries.trial_seed(session, session.trial_index)
-    )
-    first = app.proposer.step(spec, ()).next
+    first = app.proposer.step(first_spec(session), ()).next
     assert first is not None
     return first
+
+
+def first_spec(session: SessionRow) -> TrialSpec:
+    """The specification of the session's current trial, which begins now or later."""
+    return queries.trial_spec(
+        session, session.trial_index, queries.trial_seed(session, session.trial_index)
+    )
 
 
 def query_row(

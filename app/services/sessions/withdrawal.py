@@ -17,7 +17,7 @@ from app.storage.models.studies import Identity, Participant, Study
 from app.study import stages
 from app.study.stages import Stage
 
-from . import deletion, lookup, receipts
+from . import box_ahead, deletion, lookup, receipts
 from . import state_view as session_state
 from .state_view import State
 
@@ -30,6 +30,7 @@ def withdraw(app: AppContext, token: str) -> State:
     with app.database.write() as db:
         session = lookup.find(app, db, token, to_write=True)
         lookup.advance(app, session, stages.Withdrew())
+        box_ahead.leave(db, session.id, app.now())
         if session.stage == Stage.DECLINED:
             key = deletion_log.session_key(session.token_hash)
             app.deletion_log.append(app.now(), deletion_log.IDENTITIES, [key])
@@ -55,6 +56,7 @@ def withdraw_and_delete(app: AppContext, token: str) -> State:
         state = {**session_state.describe(app, db, session), "deleted": True}
         if state["stage"] != Stage.DECLINED:
             state["stage"] = Stage.WITHDRAWN.value
+        box_ahead.leave(db, session.id, app.now())
         # Restored for the tombstone, which counts how far the person came.
         session.stage = came_to
         seeds = deletion.delete_person(app, db, session.participant_id)

@@ -104,6 +104,19 @@ class Query(BaseModel):
     watch_once: bool = False
 
 
+class Waiting(BaseModel):
+    """What the open query waits for: machines record its videos."""
+
+    since: str = Field(json_schema_extra={"format": "date-time"})
+    usually_s: float | None = Field(
+        description="The usual number of seconds of a recording; null before the first."
+    )
+    machines: int = Field(description="How many machines are connected.")
+    left: Video | None = Field(description="The video on the left, if it is recorded already.")
+    right: Video | None = Field(description="The video on the right, if it is recorded already.")
+    undo: UndoOffer | None = Field(None, description="While the last response can be taken back.")
+
+
 class Item(BaseModel):
     """An item of a questionnaire."""
 
@@ -153,6 +166,9 @@ class SessionState(BaseModel):
     instructions: Text | None = None
     familiarisation: Familiarisation | None = None
     query: Query | None = None
+    waiting: Waiting | None = Field(
+        None, description="In stage query, while the pair is not recorded yet; `query` is null."
+    )
     questionnaire: Questionnaire | None = None
     break_: Break | None = Field(None, alias="break")
     debrief: Text | None = None

@@ -90,6 +90,7 @@ KINDS: tuple[tuple[type[Exception], Kind], ...] = (
     (errors.SkipReasonError, Kind(422, "skip-reason", "No reason for this")),
     (errors.TooLateToUndoError, Kind(409, "too-late-to-undo", "Too late to undo")),
     (errors.SetAsideError, Kind(409, "set-aside", "Another query took its place")),
+    (errors.NotRecordedYetError, Kind(409, "not-recorded-yet", "Not recorded yet")),
     (errors.NothingToShowError, Kind(409, "nothing-to-show", "No video can be shown")),
     (errors.IdsRefusedError, Kind(422, "ids-refused", "This link cannot be read")),
     (errors.KnownPersonError, Kind(409, "known-person", "Begun already")),

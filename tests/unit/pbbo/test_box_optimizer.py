@@ -10,6 +10,7 @@ import pytest
 from app.pbbo import (
     Box,
     BoxOptimizer,
+    BoxQuery,
     HistoryError,
     PointError,
     PreferenceOptimizer,
@@ -251,3 +252,62 @@ def test_a_step_at_30_answers_takes_little_processor_time() -> None:
 
     # 30 ms is the aim on an idle machine (docs/optimiser.md); this only catches a slip.
     assert min(spent) < 0.15
+
+
+def same_pair(query: BoxQuery, left: Any, right: Any) -> bool:
+    shown = {TRIANGLE.key(query.left), TRIANGLE.key(query.right)}
+    return shown == {TRIANGLE.key(np.array(left)), TRIANGLE.key(np.array(right))}
+
+
+@pytest.mark.parametrize("answered", [0, 1, 2, 3, 6, 12])
+def test_a_pair_that_waits_for_its_response_is_not_proposed_again(answered: int) -> None:
+    lived = BoxOptimizer(TRIANGLE, seed=5)
+    history = run(lived, bowl, answered)
+    waiting = lived.ask()
+
+    late = BoxOptimizer.replay(TRIANGLE, history, seed=5, pending=[(waiting.left, waiting.right)])
+    query = late.ask()
+
+    assert query.index == answered + 1
+    assert not same_pair(query, waiting.left, waiting.right)
+    known = set(TRIANGLE.keys(late.shown))
+    new = [point for point in (query.left, query.right) if TRIANGLE.key(point) not in known]
+    assert len(new) <= 1
+    again = BoxOptimizer.replay(TRIANGLE, history, seed=5, pending=[(waiting.left, waiting.right)])
+    assert again.ask() == query
+
+
+@pytest.mark.parametrize("answered", [0, 2, 8])
+def test_an_unavailable_point_is_not_proposed_and_nothing_is_learnt_from_it(answered: int) -> None:
+    lived = BoxOptimizer(TRIANGLE, seed=6)
+    history = run(lived, bowl, answered)
+    first = lived.ask()
+    shown = set(TRIANGLE.keys(lived.shown))
+    new = next(p for p in (first.left, first.right) if TRIANGLE.key(p) not in shown)
+
+    other = BoxOptimizer.replay(TRIANGLE, history, seed=6, unavailable=[new])
+    query = other.ask()
+
+    assert TRIANGLE.key(new) not in TRIANGLE.keys(np.array([query.left, query.right]))
+    if answered:
+        assert np.array_equal(other.posterior([new])[0], lived.posterior([new])[0])
+
+
+def test_pending_pairs_that_cannot_be_are_refused() -> None:
+    with pytest.raises(HistoryError, match="two different points"):
+        BoxOptimizer.replay(TRIANGLE, [], pending=[([0.5, 0.5], [0.5, 0.5])])
+    with pytest.raises(HistoryError, match="pairs of points"):
+        BoxOptimizer.replay(TRIANGLE, [], pending=[3])  # type: ignore[list-item]
+    grid = Box(low=[0], high=[1], step=[0.5])
+    with pytest.raises(PointError, match="two points at least"):
+        BoxOptimizer.replay(grid, [], excluded=[[0.0]], unavailable=[[1.0]])
+
+
+def test_preferences_name_rows_of_the_points_shown() -> None:
+    optimizer = BoxOptimizer(TRIANGLE, seed=7)
+    history = run(optimizer, bowl, 4)
+
+    for preference, (left, right, response) in zip(optimizer.preferences, history, strict=True):
+        winner, loser = (left, right) if response == "left" else (right, left)
+        assert optimizer.shown[preference.winner].tolist() == winner
+        assert optimizer.shown[preference.loser].tolist() == loser

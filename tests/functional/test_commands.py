@@ -25,6 +25,7 @@ from tests.videos import write as write_video
 
 from .client import Api
 from .conftest import EMAIL, LEARNING_PLAN, PASSWORD
+from .machine_study import ROBOT_PLAN
 from .own_study import write_own_study
 
 
@@ -387,3 +388,26 @@ def test_an_account_is_made_with_a_password_typed_twice_and_given_a_token(
     assert "at least 10 characters" in pbpo("account", "create", "bob@lab.example").err
     assert "has an account" in pbpo("account", "create", EMAIL).err
     assert len(pbpo("account", "token", EMAIL).out.strip()) == 43
+
+
+def test_machines_are_added_listed_stopped_released_and_revoked(pbpo: Run, tmp_path: Path) -> None:
+    folder = write_study(tmp_path / "robot", ROBOT_PLAN)
+    assert pbpo("study", "create", folder).status == 0
+    added = pbpo("machine", "add", "robot", "--name", "arm", "--address", "https://lab.example")
+    token = added.out.strip()
+    assert len(token) == 43
+    assert f"--url https://lab.example --study robot --token {token}" in added.err
+    assert "--w0 {w0} --w1 {w1} --out {video}" in added.err
+    again = pbpo("machine", "add", "robot", "--name", "arm")
+    assert (again.status, again.out) == (2, "")
+    assert "revoke it first" in again.err
+    assert "never" in pbpo("machine", "list", "robot").out
+    assert pbpo("machine", "stop", "robot").status == 0
+    assert "stopped since" in pbpo("machine", "list", "robot").out
+    assert pbpo("machine", "release", "robot").status == 0
+    assert "stopped since" not in pbpo("machine", "list", "robot").out
+    assert pbpo("machine", "revoke", "robot", "--name", "arm").status == 0
+    listed = pbpo("machine", "list", "robot").out
+    assert "revoked" in listed
+    assert token not in listed
+    assert pbpo("machine", "revoke", "robot", "--name", "leg").status == 2

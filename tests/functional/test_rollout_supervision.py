@@ -189,6 +189,13 @@ def test_the_table_of_rollouts_tells_all_of_each(
     assert json.loads(str(failed.failures))[0]["reason"] == "=jammed"
 
 
+def test_the_ethics_page_says_what_machines_receive_where_there_are_any(
+    app: AppContext, client: Api, study: StudyInfo, api_token: str
+) -> None:
+    page = client.get("/studies/robot/ethics", headers={"Authorization": f"Bearer {api_token}"})
+    assert "What machines receive" in page.text
+
+
 def _query(app: AppContext, rollout: str, index: int, *, is_answered: bool) -> int:
     """A query that shows the recording of this rollout on its left."""
     trial = add_trial(app, "robot")

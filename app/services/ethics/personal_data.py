@@ -71,6 +71,14 @@ EVALUATORS: Mapping[str, Mapping[Topic, str]] = {
             "fault left_rollout_id right_rollout_id proposed_from withdrawn_at"
         ),
     },
+    "rollouts": {
+        Topic.COURSE: "trial_id asked_at reason priority",
+        Topic.NOT_EVALUATORS: (
+            "id public_id study_id environment candidate_id run_index seed status attempt "
+            "machine_id lease_until progress claimed_at ended_at explanation failures "
+            "recording_id sha256 score series"
+        ),
+    },
     "responses": {
         Topic.ANSWERS: "id query_id response skip_reason rt_ms answered_at plan_id",
     },
@@ -115,7 +123,6 @@ OTHERS = frozenset(
         "candidates",
         "recordings",
         "machines",
-        "rollouts",
         "study_access",
         "study_drafts",
         "accounts",

@@ -35,6 +35,9 @@ def ethics(study: DesignOf, request: Request, app: AppDep, caller: SignedIn) -> 
         versions=bundle.versions(app, study),
         stored=[(table, list(rows)) for table, rows in groupby(found, lambda field: field.table)],
         retention=study.plan.retention,
+        has_machines=any(
+            one.is_machine and not one.is_crane_machine for one in study.plan.environments.values()
+        ),
         keeps_identifiers=bool(study.plan.recruitment.parameters),
         told=sentences(app, study.plan, SOURCE_LANGUAGE),
         expires_days=study.plan.session_expires_after_days,

@@ -9,9 +9,10 @@ from sqlalchemy import select
 
 from app.services.context import AppContext
 from app.services.rollouts import requests
+from app.services.sessions import deletion
 from app.services.studies.repository import StudyInfo
 from app.storage.models.rollouts import Rollout
-from app.storage.models.studies import Candidate, QueryRow
+from app.storage.models.studies import Candidate, QueryRow, Trial
 
 from .machine_study import add_candidates, add_trial, ask
 
@@ -111,6 +112,22 @@ def test_sessions_that_ask_for_a_candidate_at_the_same_moment_get_one_rollout(
         thread.join()
     assert len(asked) == 6
     assert len(set(asked)) == 1
+
+
+def test_what_a_deleted_session_waited_for_is_not_run(
+    app: AppContext, candidates: list[int]
+) -> None:
+    mine, others = add_trial(app, "short"), add_trial(app, "short")
+    for candidate in candidates[:3]:
+        ask(app, candidate, trial_id=mine)
+    with app.database.read() as db:
+        asked = db.scalars(select(Rollout.public_id).order_by(Rollout.id)).all()
+    _wait_for(app, mine, asked[0], candidates[0])
+    _wait_for(app, others, asked[1], candidates[1])
+    with app.database.write() as db:
+        person = db.get_one(Trial, mine).session.participant_id
+        deletion.delete_person(app, db, person)
+    assert [status for status, *_ in statuses(app)] == ["cancelled", "asked", "cancelled"]
 
 
 def _wait_for(app: AppContext, trial_id: int, rollout: str, candidate_id: int) -> None:

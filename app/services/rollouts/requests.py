@@ -82,15 +82,19 @@ def ask(
     raise RuntimeError(f"the candidate {candidate.id} could not be asked for: too many at once")
 
 
-def take_back(db: Session, trial_id: int, keep: Collection[int], now: datetime) -> int:
+def take_back(
+    db: Session, trial_id: int, keep: Collection[int], now: datetime, *, is_over: bool = False
+) -> int:
     """Cancel the unclaimed rollouts that this trial asked for, and return their number.
 
     Kept are those of the candidates in `keep` (ids of rows), and those that an open query of any
-    trial waits for.
+    trial waits for, and those of acquired candidates. is_over: whether the trial's session has
+    ended, so that its own open query waits for nothing.
     """
     waiting = aliased(QueryRow)
     awaited: ColumnElement[bool] = exists().where(
         waiting.set_aside_at.is_(None),
+        *((waiting.trial_id != trial_id,) if is_over else ()),
         or_(
             (waiting.left_rollout_id == Rollout.id) & waiting.left_recording_id.is_(None),
             (waiting.right_rollout_id == Rollout.id) & waiting.right_recording_id.is_(None),

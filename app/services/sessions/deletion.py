@@ -11,6 +11,7 @@ from sqlalchemy.orm import Session, selectinload
 
 from app.services import deletion_log
 from app.services.context import AppContext
+from app.services.rollouts import requests
 from app.storage.models.arrivals import Tombstone
 from app.storage.models.studies import Participant, SessionRow
 
@@ -83,7 +84,10 @@ def _write_tombstones(
     reason: Reason,
     at: datetime | None,
 ) -> frozenset[int]:
-    """Append to the deletion log and insert a tombstone per session; the seeds of all trials."""
+    """Append to the deletion log and insert a tombstone per session; the seeds of all trials.
+
+    Rollouts that only these sessions asked for are taken back.
+    """
     now = app.now() if at is None else at
     app.deletion_log.append(now, reason, [deletion_log.session_key(row.token_hash) for row in rows])
     # Only the day is stored: an exact time could be matched with other records of that moment.
@@ -94,5 +98,8 @@ def _write_tombstones(
         )
         for row in rows
     )
+    for trial in (trial for row in rows for trial in row.trials):
+        # No machine runs for somebody who is gone.
+        requests.take_back(db, trial.id, keep=(), now=now, is_over=True)
     db.flush()
     return frozenset(trial.seed for row in rows for trial in row.trials)

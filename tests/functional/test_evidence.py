@@ -11,7 +11,15 @@ from app.services.studies.repository import StudyInfo
 from .client import Api
 
 COLUMNS = [
-    *("session_id", "trial_index", "query_index", "replays", "left_watched", "right_watched"),
+    *(
+        "session_id",
+        "trial_index",
+        "condition",
+        "query_index",
+        "replays",
+        "left_watched",
+        "right_watched",
+    ),
     *("dropped_frames", "stalls", "start_skew_ms", "worst_drift_ms", "left_width_px"),
     *("right_width_px", "hidden", "blurred", "fullscreen"),
 ]
@@ -49,7 +57,7 @@ def test_a_row_sums_up_how_a_query_was_watched(
     session.respond("left", replays=1, rt_ms=900, events=WATCHED)
     evidence = client.table("evidence", api_token)
     assert evidence.columns.to_list() == COLUMNS
-    (row,) = evidence.drop(columns="session_id").to_numpy().tolist()
+    (row,) = evidence.drop(columns=["session_id", "condition"]).to_numpy().tolist()
     assert row == [0, 0, 1, 0.5, 1, 7, 2, 12, 21, 640, 639, True, False, True]
 
 
@@ -63,7 +71,7 @@ def test_there_is_a_row_for_each_answered_query_and_no_guess_where_nothing_was_t
     client.start().to_first_query().respond("left", events=[happened("blur")])
     evidence = client.table("evidence", api_token)
     assert evidence["query_index"].to_list() == [0, 1, 2, 0]
-    assert evidence.iloc[0, 3:].isna().all()
+    assert evidence.iloc[0, 4:].isna().all()
     assert evidence["stalls"].fillna(-1).to_list() == [-1, 0, 2, 0]
     assert pd.isna(evidence["left_watched"].iloc[1])
     assert evidence["blurred"].fillna("").to_list() == ["", False, False, True]

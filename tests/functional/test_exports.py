@@ -28,17 +28,27 @@ QUERIES = [
     *("acquisition", "seed", "engine_version", "consent_version"),
 ]
 PREFERENCES = [
-    *("session_id", "trial_index", "preference_index", "winner", "loser", "origin"),
+    *("session_id", "trial_index", "condition", "preference_index", "winner", "loser", "origin"),
     *("query_index", "drawn_from_query_index"),
 ]
 ACQUIRED = [
-    *("session_id", "trial_index", "query_index", "candidate", "w0", "w1"),
+    *("session_id", "trial_index", "condition", "query_index", "candidate", "w0", "w1"),
     *("posterior_mean", "posterior_std"),
 ]
-EVENTS = ["session_id", "trial_index", "query_index", "event", "side", "time_ms", "value"]
+EVENTS = [
+    "session_id",
+    "trial_index",
+    "condition",
+    "query_index",
+    "event",
+    "side",
+    "time_ms",
+    "value",
+]
 IN_THE_ZIP = [
     *(
         "queries",
+        "trials",
         "preferences",
         "acquired",
         "sessions",

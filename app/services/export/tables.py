@@ -16,6 +16,7 @@ from .queries import ACQUIRED, EVENTS, PREFERENCES, QUERIES
 from .recordings import RECORDINGS
 from .rollouts import ROLLOUTS
 from .table import Column, Request, Row, Table, text
+from .trials import TRIALS, with_condition
 
 
 def _dictionary_columns(_plan: Plan) -> tuple[Column, ...]:
@@ -60,18 +61,19 @@ DATA_DICTIONARY = Table(
 #: The tables of the zip: all except the identities.
 ZIPPED = (
     QUERIES,
-    PREFERENCES,
-    ACQUIRED,
+    TRIALS,
+    with_condition(PREFERENCES),
+    with_condition(ACQUIRED),
     SESSIONS,
     CONSENTS,
     PARTICIPANTS,
-    QUESTIONNAIRES,
+    with_condition(QUESTIONNAIRES, has_practice=False),
     DELETIONS,
-    EVENTS,
-    PLAYBACK,
-    CHECKS,
-    UNDONE,
-    FAULTS,
+    with_condition(EVENTS),
+    with_condition(PLAYBACK),
+    with_condition(CHECKS),
+    with_condition(UNDONE),
+    with_condition(FAULTS),
     RECORDINGS,
     ROLLOUTS,
     DATA_DICTIONARY,

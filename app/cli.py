@@ -34,7 +34,7 @@ from app.commands.options import (
     say_links,
     settings_of,
 )
-from app.services.runtime.errors import ServiceError, SlugTakenError
+from app.services.runtime.errors import ConflictError, ServiceError, SlugTakenError
 from app.services.runtime.settings import DATABASE_FILE
 from app.services.studies import repository, revision, slugs
 from app.study.folder import UnknownStudyError
@@ -190,6 +190,33 @@ def study_init(
 
     init(folder, machine=machine)
     out.print(f"{folder} holds an example. Change it, then: pbpo study check {folder}")
+
+
+@study_app.command("words")
+def study_words(
+    language: Annotated[str, typer.Argument(metavar="LANGUAGE", help="Such as de, ar or pt-BR.")],
+    file: Annotated[
+        Path | None, typer.Option("--out", help="Write it there rather than to the terminal.")
+    ] = None,
+) -> None:
+    """Write a template to translate the words of evaluators' own pages into a language.
+
+    A study that has it as texts/LANGUAGE/words.po is in that language on every page.
+    """
+    from app.study import page_words
+
+    if page_words.spoken_locale(language) is not None:
+        name = page_words.own_name(language)
+        raise ConflictError(f"expected a language other than those of the pages, got {name}")
+    made = page_words.template(language)
+    if file is None:
+        typer.echo(made, nl=False)
+        return
+    if file.exists():
+        raise ConflictError(f"expected the name of a new file, got {file}, which there is already")
+    file.parent.mkdir(parents=True, exist_ok=True)
+    file.write_text(made, encoding="utf-8")
+    out.print(f"{file} holds the words to translate.")
 
 
 @study_app.command("check")

@@ -11,6 +11,7 @@ from app.video.decoder_client import Decoder
 from .attention_candidates import missing_for_checks
 from .file_lookup import MOST_FILES
 from .files import is_file, misplaced, read_text
+from .page_words import WORDS, words_faults, words_remarks
 from .parsed_plan import Inconsistency, as_list, as_mapping
 from .placeholders import VALUES, filled, placeholders, unknown_values
 from .plan import LANGUAGE_PATTERN, Plan
@@ -39,7 +40,8 @@ SHIPPED: Mapping[str, Path] = MappingProxyType(
 class StudyFolder:
     """A valid study folder.
 
-    texts: language -> name (consent, instructions, debrief, and welcome if it has one) -> Markdown.
+    texts: language -> name (consent, instructions, debrief, and welcome if it has one) -> Markdown;
+        name `words` -> the .po file of the pages' words, if it has one.
     recordings: the rows of all tables, in their order; none for the crane's environments and those
         of machines.
     """
@@ -138,10 +140,10 @@ def examine(
     if not faults and reading.plan is not None:
         faults = _check_faults(reading, reading.plan, recordings, crane_candidates)
     used = {STUDY_FILE, *reader.named, *reader.sources.values()}
-    used |= {f"texts/{language}/{name}.md" for language, named in texts.items() for name in named}
+    used |= {text_path(language, name) for language, named in texts.items() for name in named}
     used |= {fault.file for fault in faults}
     unused = unused_files(folder, used)
-    remarks = tuple(reader.remarks)
+    remarks = (*reader.remarks, *_words_remarks(texts, faults))
     study = None
     if not faults and reading.plan is not None:
         plan = reading.plan
@@ -154,6 +156,21 @@ def examine(
     return Examination(
         study, tuple(faults), remarks, unused, reading.data, reader.sources, can_mend
     )
+
+
+def text_path(language: str, name: str) -> str:
+    """Where in a folder a text is: Markdown, but for the catalogue of the pages' words."""
+    return f"texts/{language}/{name}.{'po' if name == WORDS else 'md'}"
+
+
+def _words_remarks(
+    texts: Mapping[str, Mapping[str, str]], faults: Iterable[Fault]
+) -> Iterator[Fault]:
+    """What is worth knowing of the pages' words, in the languages in which they can be read."""
+    faulty = {fault.file for fault in faults}
+    for language, named in texts.items():
+        if text_path(language, WORDS) not in faulty:
+            yield from words_remarks(language, named.get(WORDS))
 
 
 def unused_files(folder: Path, used: set[str]) -> tuple[str, ...]:
@@ -209,28 +226,36 @@ def _read_texts(
     if any(is_file(folder / f"texts/{language}/{WELCOME}.md") for language in languages):
         names = (WELCOME, *TEXT_NAMES)
     for language in languages:
-        for name in names:
-            file = f"texts/{language}/{name}.md"
+        own_words = (WORDS,) if is_file(folder / text_path(language, WORDS)) else ()
+        for name in (*names, *own_words):
+            file = text_path(language, name)
             try:
                 text = read_text(folder, folder / file)
             except UnreadableFileError as error:
                 faults.append(Fault(file, error.line, str(error)))
                 continue
-            faults.extend(text_faults(file, text))
+            faults.extend(text_faults(language, name, text))
             texts[language][name] = text
     return texts, faults
 
 
-def text_faults(file: str, text: str) -> Iterator[Fault]:
-    """Placeholders that remain in a text, and values in it that no plan has."""
+def text_faults(language: str, name: str, text: str) -> Iterator[Fault]:
+    """Placeholders that remain in a text, and values in it that no plan has.
+
+    Of the pages' words: what keeps them from being used.
+    """
+    file = text_path(language, name)
+    if name == WORDS:
+        yield from words_faults(language, text)
+        return
     if not text.strip():
         yield Fault(file, None, "expected some text, got an empty file")
     for line, placeholder in placeholders(text):
         message = f"{WORDS_MISSING}, got the placeholder {placeholder}"
         yield Fault(file, line, message, PLACEHOLDER_CAUSE + placeholder)
-    for line, name in unknown_values(text):
+    for line, value in unknown_values(text):
         known = ", ".join(VALUES)
-        yield Fault(file, line, f"expected one of {known} in braces, got {{{{ {name} }}}}")
+        yield Fault(file, line, f"expected one of {known} in braces, got {{{{ {value} }}}}")
 
 
 def _read_recordings(

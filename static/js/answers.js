@@ -4,6 +4,7 @@
  */
 
 import { wasReady } from "./failure.js";
+import { inStudysLanguage } from "./i18n.js";
 
 export class AnswerButtons {
   /** @type {boolean} */
@@ -87,7 +88,9 @@ export class AnswerButtons {
     key.className = "key key-y";
     key.setAttribute("aria-hidden", "true");
     key.textContent = "↓";
-    button.append(document.createElement("span"), key);
+    const label = document.createElement("span");
+    inStudysLanguage(label);
+    button.append(label, key);
     this.#listen(button);
     this.pair.insertBefore(button, right);
     return button;

@@ -11,7 +11,7 @@ const numbers = numberFormat();
 /** @returns {{format: (number: number) => string}} as the page's language writes them, or plainly */
 function numberFormat() {
   try {
-    return new Intl.NumberFormat(document.documentElement.lang);
+    return new Intl.NumberFormat(document.body.lang || document.documentElement.lang);
   } catch {
     return { format: String };
   }
@@ -28,4 +28,16 @@ export function gettext(english, values = {}) {
     const value = values[name];
     return typeof value === "number" ? numbers.format(value) : value;
   });
+}
+
+/**
+ * Mark an element that holds the study's own words: they may be in another language than the page's.
+ * @param {HTMLElement} element
+ */
+export function inStudysLanguage(element) {
+  const { lang, dir } = document.documentElement;
+  if (document.body.lang && document.body.lang !== lang) {
+    element.lang = lang;
+    element.dir = dir || "ltr";
+  }
 }

@@ -6,6 +6,7 @@
  */
 
 import { within } from "./dom.js";
+import { inStudysLanguage } from "./i18n.js";
 
 export class SkipReasons {
   /** @type {(name: string | null) => void} */
@@ -57,6 +58,7 @@ export class SkipReasons {
     button.className = "button button-line button-small";
     button.dataset.testid = `reason-${name}`;
     button.textContent = label;
+    inStudysLanguage(button);
     button.addEventListener("click", () => this.#close(name));
     return button;
   }

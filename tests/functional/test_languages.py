@@ -16,7 +16,7 @@ from app.services.context import AppContext
 from app.services.studies import repository
 from app.services.studies.repository import StudyInfo
 from app.study.folder import SHIPPED
-from app.web.http.translations import LOCALE
+from app.study.page_words import LOCALE
 from tests.conftest import Clock, write_study
 
 from .client import Api

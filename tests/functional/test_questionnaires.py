@@ -11,6 +11,7 @@ from app.services.context import AppContext
 from app.services.studies import repository
 from app.services.studies.repository import StudyInfo
 from app.web.http import translations
+from app.web.http.translations import Wording
 from tests.conftest import SHORT_PLAN, Clock, StudyShelf
 
 from .client import Api, Session
@@ -206,6 +207,6 @@ def test_japanese_readers_are_asked_in_japanese() -> None:
         "This can be read in more than one way, or has marks between its digits."
         " Which number do you mean?"
     )
-    assert "どの数" in translations.translations("ja").gettext(asked)
-    assert translations.exact_number("50000", "ja") == "50000"
-    assert translations.exact_number("1.25", "ja") == "1.25"
+    assert "どの数" in translations.translations(Wording("ja")).gettext(asked)
+    assert translations.exact_number("50000", Wording("ja")) == "50000"
+    assert translations.exact_number("1.25", Wording("ja")) == "1.25"

@@ -11,7 +11,8 @@ import pytest
 from app.services.context import AppContext
 from app.services.studies import repository
 from app.services.studies.repository import StudyInfo
-from app.web.http.languages import own_name, preferred
+from app.study.page_words import own_name
+from app.web.http.languages import preferred
 from tests.conftest import SHORT_PLAN, write_study
 
 from .client import Api
@@ -128,6 +129,6 @@ def test_what_a_browser_accepts_is_read_with_its_weights(
 def test_a_language_is_called_what_its_speakers_call_it() -> None:
     assert [own_name(code) for code in ("ja", "pt-BR", "tlh")] == [
         "日本語",
-        "Português (BR)",
+        "Português (Brasil)",
         "tlh",
     ]

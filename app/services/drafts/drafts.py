@@ -50,7 +50,7 @@ from .steps import is_placeholder
 from .uploads import UploadRefusedError
 
 #: Endings of files that can be edited on a page.
-TEXT_ENDINGS = (".yaml", ".csv", ".tsv", ".md", ".txt")
+TEXT_ENDINGS = (".yaml", ".csv", ".tsv", ".md", ".txt", ".po")
 #: Characters of a text file; no plan or consent is longer.
 LONGEST_TEXT = 1_000_000
 #: Characters of a draft's name.

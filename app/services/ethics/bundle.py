@@ -24,6 +24,7 @@ from app.services.studies import sharing
 from app.services.studies.repository import StudyInfo, stored_plan
 from app.storage.models.studies import PlanVersion, Study
 from app.study import markdown as study_markdown
+from app.study.folder import text_path
 
 from . import bundle_job, data_inventory
 
@@ -81,7 +82,7 @@ def texts_of(app: AppContext, study: StudyInfo) -> list[Text]:
 def documents(app: AppContext, study: StudyInfo) -> dict[str, bytes]:
     """The files of the bundle by name, without the pages."""
     found = {
-        f"texts/version-{text.plan_version}/{text.language}/{text.name}.md": text.markdown.encode()
+        text_path(f"version-{text.plan_version}/{text.language}", text.name): text.markdown.encode()
         for text in texts_of(app, study)
     }
     found["stored_fields.csv"] = data_inventory.as_csv(data_inventory.fields(study.plan))

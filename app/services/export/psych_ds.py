@@ -11,6 +11,8 @@ import re
 from collections.abc import Iterator
 from typing import Any
 
+from app.study.folder import text_path
+
 from .filters import in_words
 from .relative_times import without_clock_times
 from .stream import File, table_file, text_file
@@ -55,7 +57,7 @@ def files(request: Request) -> Iterator[File]:
     yield text_file("materials/plan.json", _pretty(study.plan.model_dump(mode="json")))
     for language, texts in sorted(study.texts.items()):
         for name, text in sorted(texts.items()):
-            yield text_file(f"materials/texts/{language}/{name}.md", text)
+            yield text_file(f"materials/{text_path(language, name)}", text)
 
 
 def data_name(slug: str, table: str) -> str:

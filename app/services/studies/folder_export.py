@@ -12,6 +12,7 @@ from sqlalchemy.orm import joinedload
 from app.services.context import AppContext
 from app.services.runtime.errors import ConflictError
 from app.storage.models.studies import Candidate, Recording
+from app.study.folder import text_path
 from app.study.plan import Plan
 from app.study.plan_source import STUDY_FILE
 from app.study.plan_to_yaml import plan_text
@@ -31,7 +32,7 @@ def write_folder(app: AppContext, slug: str, folder: Path, new_slug: str) -> Non
     (folder / STUDY_FILE).write_text(plan_text(plan), encoding="utf-8")
     for language, texts in study.texts.items():
         for name, text in texts.items():
-            path = folder / "texts" / language / f"{name}.md"
+            path = folder / text_path(language, name)
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_text(text, encoding="utf-8")
     for name, environment in plan.environments.items():

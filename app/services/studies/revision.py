@@ -85,7 +85,7 @@ def revise_texts(
             fault
             for language, named in given.items()
             for name, text in named.items()
-            for fault in text_faults(f"texts/{language}/{name}.md", text)
+            for fault in text_faults(language, name, text)
         ]
         if faults:
             raise StudyFaults(faults)

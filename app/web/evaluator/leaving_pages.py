@@ -24,6 +24,7 @@ from app.web.http import languages, session_paths, translations
 from app.web.http.concurrency import limited_write
 from app.web.http.security import AppDep, set_cookie
 from app.web.http.translations import translatable
+from app.web.http.wordings import wording_of
 
 from . import session_cookies
 from .error_pages import EvaluatorRoute
@@ -108,7 +109,7 @@ def delete(
             return _delete_page(request, app, slug, typed=receipt, is_found=True)
         withdrawal.delete_by_receipt(app, slug, receipt)
     except NotFoundError:
-        fault = translations.translated(_NO_RECEIPT, language)
+        fault = translations.translated(_NO_RECEIPT, wording_of(app, slug, language))
         return _delete_page(request, app, slug, status=404, fault=fault, typed=receipt)
     return _to_deleted(request, app, slug, language)
 

@@ -21,6 +21,7 @@ from app.services.sessions.state_view import State, rendered
 from app.services.studies.repository import StudyInfo
 from app.web.http.security import session_cookie
 from app.web.http.templating import STATIC
+from app.web.http.wordings import wording_of
 
 from .privacy_sentences import sentences
 from .session_pages import about, render
@@ -85,7 +86,7 @@ def _pages(
             "Your privacy",
             **said,
             plan=study.plan,
-            sentences=sentences(app, study.plan, said["language"]),
+            sentences=sentences(app, study.plan, wording_of(app, slug, said["language"])),
         ),
     )
     asked: dict[str, Any] = {"fault": None, "typed": "", "is_found": False}

@@ -12,6 +12,7 @@ from app.services.sessions.state_view import State
 from app.services.studies import repository
 from app.web.http.security import AppDep
 from app.web.http.translations import translatable
+from app.web.http.wordings import wording_of
 
 from .error_pages import EvaluatorRoute
 from .privacy_sentences import sentences
@@ -37,7 +38,7 @@ def privacy(slug: str, request: Request, app: AppDep) -> Response:
         state,
         **said,
         plan=plan,
-        sentences=sentences(app, plan, said["language"]),
+        sentences=sentences(app, plan, wording_of(app, slug, said["language"])),
     )
 
 

@@ -8,7 +8,7 @@ from urllib.parse import urlsplit
 from app.services.context import AppContext
 from app.services.ethics.personal_data import Topic, topics
 from app.study.plan import Plan
-from app.web.http.translations import translatable, translated
+from app.web.http.translations import Wording, translatable, translated
 
 SENTENCES: Mapping[Topic, str] = {
     Topic.ANSWERS: translatable(
@@ -74,14 +74,14 @@ _LISTED = (
 _BELOW = (*(Topic.PSEUDONYM, Topic.LOGS, Topic.BROWSER, Topic.OTHER_SITES, Topic.VIDEOS_ELSEWHERE),)
 
 
-def sentences(app: AppContext, plan: Plan, language: str) -> dict[str, list[str]]:
+def sentences(app: AppContext, plan: Plan, wording: Wording) -> dict[str, list[str]]:
     """The sentences for this study, by their section of the page."""
     origin = app.recordings.origin
     values = {"platform": plan.recruitment.label, "site": urlsplit(origin or "").netloc}
     said = topics(plan, videos_elsewhere=origin is not None)
 
     def of(chosen: tuple[Topic, ...]) -> list[str]:
-        return [translated(SENTENCES[topic], language) % values for topic in chosen]
+        return [translated(SENTENCES[topic], wording) % values for topic in chosen]
 
     return {
         "listed": of(tuple(topic for topic in said if topic in _LISTED)),

@@ -15,6 +15,7 @@ from app.services.runtime.errors import NotFoundError, SessionExpiredError, Sign
 from app.services.sessions import advance, receipts
 from app.services.sessions.state_view import ENDED, State
 from app.services.studies import repository, session_modes
+from app.study.page_words import own_name
 from app.study.plan import Plan
 from app.study.recruitment import MTURK_FRAMES, MTURK_HOSTS
 from app.study.stages import ProtocolError
@@ -29,6 +30,7 @@ from app.web.http.security import (
 )
 from app.web.http.templating import page
 from app.web.http.translations import translatable
+from app.web.http.wordings import readers_wording, wording_of
 
 from . import hidden_drafts, session_cookies
 
@@ -55,12 +57,9 @@ def render(
     study = state["study"] if state else {"title": None, "contact": None}
     query = request.url.query
     token = request.cookies.get(session_cookie(slug))
-    if state:
-        language = state["language"]
-    else:
-        language = context.get("language") or languages.of_reader(
-            request, translations.available_locales()
-        )
+    app = app_context_of(request)
+    language = state["language"] if state else context.get("language")
+    wording = wording_of(app, slug, language) if language else readers_wording(request, app, slug)
     values = {
         "slug": session_paths.study_header(request, slug),
         "base": session_paths.base_of(request, slug),
@@ -69,8 +68,9 @@ def render(
         "state": state,
         "study_title": study["title"],
         "contact": study["contact"],
-        "language": language,
-        "page_title": translations.translated(title, language),
+        "language": wording.language,
+        "wording": wording,
+        "page_title": translations.translated(title, wording),
         "delete_url": f"{base_url(request)}/s/{slug}/delete",
         "receipt": _receipt(request, slug, state),
         "is_held": state is not None and token is not None,
@@ -79,9 +79,9 @@ def render(
     if values["study_title"] and state is None and template not in _GUARDED:
         with suppress(NotFoundError, SQLAlchemyError):
             # A page that says that the study is not open does not say what it is about.
-            if hidden_drafts.is_hidden(request, slug, app_context_of(request)):
+            if hidden_drafts.is_hidden(request, slug, app):
                 values |= {"study_title": None, "contact": None}
-                values["page_title"] = translations.translated(translatable("Not open"), language)
+                values["page_title"] = translations.translated(translatable("Not open"), wording)
     response = page(request, template, values, status_code=status)
     way_back = context.get("way_back")
     if way_back is not None and "fields" in way_back:
@@ -105,7 +105,7 @@ def _banner(request: Request, slug: str) -> dict[str, Any]:
         "mode": mode,
         "study_url": f"/studies/{slug}",
         "csrf_token": form_token(request),
-        "preview_languages": [(code, languages.own_name(code)) for code in plan.languages],
+        "preview_languages": [(code, own_name(code)) for code in plan.languages],
     }
 
 

@@ -13,7 +13,7 @@ from app.services.studies import sharing
 from app.web.evaluator.page_samples import snapshots
 from app.web.evaluator.privacy_sentences import sentences
 from app.web.http.security import AppDep
-from app.web.http.translations import SOURCE_LANGUAGE
+from app.web.http.translations import Wording
 
 from .page_context import DesignOf, OwnForm, SignedIn
 from .study_frame import study_page
@@ -39,7 +39,7 @@ def ethics(study: DesignOf, request: Request, app: AppDep, caller: SignedIn) -> 
             one.is_machine and not one.is_crane_machine for one in study.plan.environments.values()
         ),
         keeps_identifiers=bool(study.plan.recruitment.parameters),
-        told=sentences(app, study.plan, SOURCE_LANGUAGE),
+        told=sentences(app, study.plan, Wording()),
         expires_days=study.plan.session_expires_after_days,
         ties=sharing.members(app, study.slug),
         languages=study.plan.languages,

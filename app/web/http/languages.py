@@ -1,4 +1,4 @@
-"""Languages of a study's pages: their own names, and which one a reader prefers."""
+"""Languages of a study's pages: which one a reader prefers, and links to the others."""
 
 from __future__ import annotations
 
@@ -7,47 +7,10 @@ from typing import Any
 
 from fastapi import Request
 
+from app.study.page_words import direction, own_name
+
 #: The parameter of a link that names a language.
 PARAMETER = "lang"
-
-#: Own names of languages, for readers who cannot read the page's language.
-_OWN_NAMES = {
-    "ar": "العربية",
-    "cs": "Čeština",
-    "da": "Dansk",
-    "de": "Deutsch",
-    "el": "Ελληνικά",
-    "en": "English",
-    "es": "Español",
-    "fi": "Suomi",
-    "fr": "Français",
-    "he": "עברית",
-    "hi": "हिन्दी",
-    "id": "Bahasa Indonesia",
-    "it": "Italiano",
-    "ja": "日本語",
-    "ko": "한국어",
-    "nl": "Nederlands",
-    "no": "Norsk",
-    "pl": "Polski",
-    "pt": "Português",
-    "ru": "Русский",
-    "sv": "Svenska",
-    "th": "ไทย",
-    "tr": "Türkçe",
-    "uk": "Українська",
-    "vi": "Tiếng Việt",
-    "zh": "中文",
-}
-
-
-def own_name(language: str) -> str:
-    """The language's name in that language; its code if the name is not known."""
-    base, _, rest = language.partition("-")
-    name = _OWN_NAMES.get(base)
-    if name is None:
-        return language
-    return f"{name} ({rest})" if rest else name
 
 
 def preferred(accepted: str, offered: Sequence[str]) -> str | None:
@@ -88,6 +51,7 @@ def links(request: Request, offered: Sequence[str], current: str) -> list[dict[s
         {
             "code": code,
             "name": own_name(code),
+            "direction": direction(code),
             "url": f"?{request.url.include_query_params(**{PARAMETER: code}).query}",
             "is_current": code == current,
         }

@@ -13,6 +13,7 @@ from fastapi.responses import JSONResponse, Response
 from pydantic import BaseModel, ConfigDict, Field
 from sqlalchemy.exc import DataError, IntegrityError, OperationalError
 from sqlalchemy.exc import TimeoutError as WaitedTooLongError
+from starlette.concurrency import run_in_threadpool
 from starlette.exceptions import HTTPException
 
 from app.services.context import AppContext
@@ -23,10 +24,10 @@ from app.storage.integrity_errors import is_conflict
 from app.study import stages
 from app.study.shortening import shortened
 
-from . import languages
 from .refusal_size import bounded, sentence
-from .templating import DEFAULTS, page
-from .translations import available_locales, translatable, translated
+from .templating import page
+from .translations import Wording, translatable, translated
+from .wordings import readers_wording
 
 log = logging.getLogger(__name__)
 
@@ -202,15 +203,16 @@ def _is_api(request: Request) -> bool:
     return request.url.path.startswith(("/api/", "/media/"))
 
 
-def _answer(request: Request, kind: Kind, detail: str, **extra: Any) -> Response:
+async def _answer(request: Request, kind: Kind, detail: str, **extra: Any) -> Response:
     if _is_api(request):
         return problem(kind, detail, **extra)
-    title, language = kind.title, DEFAULTS["language"]
+    title, wording = kind.title, Wording()
     if request.url.path.startswith(("/s/", "/pilot/s/")):
-        language = languages.of_reader(request, available_locales())
-        title = translated(_EVALUATORS_TITLES.get(kind.status, _OTHER_TITLE), language)
+        slug = request.url.path.removeprefix("/pilot").split("/")[2]
+        wording = await run_in_threadpool(readers_wording, request, request.app.state.app, slug)
+        title = translated(_EVALUATORS_TITLES.get(kind.status, _OTHER_TITLE), wording)
         advice = _NOTHING_HERE if kind.status == 404 else _ADVICE.get(kind.name, _NOT_NOW)
-        detail = translated(advice, language)
+        detail = translated(advice, wording)
     return page(
         request,
         "error.html",
@@ -219,7 +221,8 @@ def _answer(request: Request, kind: Kind, detail: str, **extra: Any) -> Response
             "title": title,
             "detail": _short(detail),
             "page_title": title,
-            "language": language,
+            "language": wording.language,
+            "wording": wording,
         },
         status_code=kind.status,
     )
@@ -250,7 +253,7 @@ async def domain_error(request: Request, error: Exception) -> Response:
         extra["current_version"] = error.current
     if isinstance(error, errors.UploadOffsetError):
         extra["received"] = error.received
-    response = _answer(request, kind_of(error), str(error), **extra)
+    response = await _answer(request, kind_of(error), str(error), **extra)
     if isinstance(error, errors.TooManyError):
         response.headers["Retry-After"] = str(seconds_until(request.app.state.app, error))
     return response
@@ -272,12 +275,12 @@ async def _invalid(request: Request, error: Exception) -> Response:
     ]
     short = (bounded(fault) for fault in faults)
     detail = sentence(f"{fault['pointer']}: {fault['detail']}" for fault in short)
-    return _answer(request, Kind(422, "invalid", "Not understood"), detail, errors=faults)
+    return await _answer(request, Kind(422, "invalid", "Not understood"), detail, errors=faults)
 
 
 async def _not_storable(request: Request, _error: Exception) -> Response:
     detail = "expected text and numbers that the database can hold, got a NUL or a number too large"
-    return _answer(request, Kind(422, "invalid", "Not understood"), detail)
+    return await _answer(request, Kind(422, "invalid", "Not understood"), detail)
 
 
 async def _clash(request: Request, error: Exception) -> Response:
@@ -287,14 +290,14 @@ async def _clash(request: Request, error: Exception) -> Response:
     assert isinstance(error, IntegrityError)
     log.warning("two did the same at once: %s", error.orig)
     detail = "somebody else has just done the same, or deleted what this is about: look again"
-    return _answer(request, kind_of(errors.ConflictError()), detail)
+    return await _answer(request, kind_of(errors.ConflictError()), detail)
 
 
 async def _out_of_order(request: Request, error: Exception) -> Response:
     """503 for a database that is full, locked or unreachable: nothing was stored."""
     log.error("the database failed", exc_info=error)
     kind = Kind(503, "unavailable", "Not possible just now")
-    return _answer(request, kind, "the database could not be used; nothing was changed")
+    return await _answer(request, kind, "the database could not be used; nothing was changed")
 
 
 async def _outcome_unknown(request: Request, error: Exception) -> Response:
@@ -302,7 +305,7 @@ async def _outcome_unknown(request: Request, error: Exception) -> Response:
     log.error("the database was lost at a commit", exc_info=error)
     kind = Kind(503, "outcome-unknown", "Perhaps done")
     detail = "the database was lost while it stored this: look whether it did, or send it again"
-    return _answer(request, kind, detail)
+    return await _answer(request, kind, detail)
 
 
 async def _http_error(request: Request, error: Exception) -> Response:
@@ -311,7 +314,7 @@ async def _http_error(request: Request, error: Exception) -> Response:
     titles = {400: "Not readable", 404: "Not found", 405: "Not that way", 413: "Too long"}
     title = titles.get(error.status_code, str(error.detail))
     kind = Kind(error.status_code, names.get(error.status_code, "http"), title)
-    response = _answer(request, kind, f"{error.detail}: {request.method} {request.url.path}")
+    response = await _answer(request, kind, f"{error.detail}: {request.method} {request.url.path}")
     for name, value in (error.headers or {}).items():
         response.headers[name] = value
     return response

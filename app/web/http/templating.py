@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable, Mapping
 from datetime import UTC, datetime
-from functools import cache, lru_cache, partial
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
 from . import translations
+from .translations import Wording
 
 ROOT = Path(__file__).resolve().parents[3]
 STATIC = ROOT / "static"
@@ -43,9 +44,21 @@ def static_url(path: str) -> str:
     return f"/static/{path}?v={_fingerprint(path, (STATIC / path).stat().st_mtime)}"
 
 
-@cache
-def environment_in(language: str) -> Environment:
-    """The Jinja2 environment of one of `available_locales()`."""
+def _own_language(wording: Wording) -> Markup:
+    """Attributes of an element with the study's own words, where the program's are others."""
+    if wording.is_translated:
+        return Markup("")
+    return Markup(' lang="{}" dir="{}"').format(wording.language, wording.direction)
+
+
+def _own_words(attributes: Markup, text: str) -> Markup:
+    """The study's own words within a sentence of the program's."""
+    return Markup("<bdi{}>{}</bdi>").format(attributes, text)
+
+
+@lru_cache(maxsize=64)
+def environment_in(wording: Wording) -> Environment:
+    """The Jinja2 environment of a wording."""
     made = Environment(
         loader=FileSystemLoader(ROOT / "templates"),
         autoescape=True,
@@ -57,27 +70,31 @@ def environment_in(language: str) -> Environment:
     made.policies["ext.i18n.trimmed"] = True
     # The extension adds this to the environment: the type does not know of it.
     install: Callable[..., None] = vars(made)["install_gettext_translations"]
-    install(translations.translations(language), newstyle=True)
+    install(translations.translations(wording), newstyle=True)
     made.filters["localtime"] = local_time
-    made.filters["number"] = partial(translations.number, language=language)
-    made.filters["exact_number"] = partial(translations.exact_number, language=language)
+    made.filters["number"] = partial(translations.number, wording=wording)
+    made.filters["exact_number"] = partial(translations.exact_number, wording=wording)
     made.globals["static_url"] = static_url
-    made.globals["between_sentences"] = translations.between_sentences(language)
-    made.globals["script_words"] = translations.script_words(language)
+    made.globals["between_sentences"] = translations.between_sentences(wording)
+    made.globals["script_words"] = translations.script_words(wording)
+    made.globals["wording"] = wording
+    made.globals["own_language"] = _own_language(wording)
+    made.globals["own_words"] = partial(_own_words, _own_language(wording))
     return made
 
 
-environment = environment_in(translations.SOURCE_LANGUAGE)
+environment = environment_in(Wording())
 
 
 def page(
     request: Request, template: str, context: Mapping[str, Any], status_code: int = 200
 ) -> HTMLResponse:
-    """The page of `template` in the context's `language`.
+    """The page of `template` in the context's `language`, by the `wording` of the context.
 
     Pages show the data of a session, so they are never cached.
     """
     values = {**DEFAULTS, "path": request.url.path, **context}
-    templates = environment_in(translations.negotiate_locale(values["language"]))
+    wording = values.pop("wording", None) or Wording(values["language"])
+    templates = environment_in(wording)
     html = templates.get_template(template).render(values)
     return HTMLResponse(html, status_code, headers={"Cache-Control": "no-store"})

@@ -11,10 +11,12 @@ from babel.messages.catalog import Catalog, Message
 from babel.messages.frontend import CommandLineInterface
 from babel.messages.pofile import read_po
 
+from app.study import page_words
 from app.web.http import translations
 from app.web.http.templating import ROOT, environment_in
+from app.web.http.translations import Wording
 
-LANGUAGES = translations.available_locales()[1:]
+LANGUAGES = page_words.available_locales()[1:]
 PLACE = re.compile(r"%\((\w+)\)s")
 TAG = re.compile(r"<[^>]+>")
 
@@ -33,7 +35,7 @@ def said(tmp_path_factory: pytest.TempPathFactory) -> Catalog:
 
 
 def catalogue(language: str) -> Catalog:
-    with (translations.LOCALE / language / "LC_MESSAGES" / "pbpo.po").open("rb") as file:
+    with (page_words.LOCALE / language / "LC_MESSAGES" / "pbpo.po").open("rb") as file:
         return read_po(file, locale=language)
 
 
@@ -46,7 +48,7 @@ def forms(text: str | list[str] | tuple[str, ...]) -> tuple[str, ...]:
 
 
 def test_japanese_is_spoken() -> None:
-    assert translations.available_locales() == ("en", "ja")
+    assert page_words.available_locales() == ("en", "ja")
 
 
 @pytest.mark.parametrize("language", LANGUAGES)
@@ -78,11 +80,11 @@ def test_every_text_of_a_script_travels_with_the_page(said: Catalog, language: s
     scripts = [path for path in (ROOT / "static/js").glob("*.js") if path.name != "i18n.js"]
     found = {call for path in scripts for call in calls.findall(path.read_text(encoding="utf-8"))}
     assert len(found) > 30
-    assert {text.strip('"') for text in found} == set(translations.script_words(language))
+    assert {text.strip('"') for text in found} == set(translations.script_words(Wording(language)))
 
 
 def test_the_words_of_scripts_are_nothing_in_english() -> None:
-    assert translations.script_words("en") == {}
+    assert translations.script_words(Wording()) == {}
 
 
 #: Words between tags, and in attributes that are read out.
@@ -109,11 +111,11 @@ def test_no_template_of_an_evaluators_page_has_words_that_are_not_marked(templat
     ("language", "spoken"), [("ja", "ja"), ("ja-JP", "ja"), ("en-GB", "en"), ("de", "en")]
 )
 def test_a_language_that_the_pages_do_not_speak_gets_english(language: str, spoken: str) -> None:
-    assert translations.negotiate_locale(language) == spoken
+    assert Wording(language).spoken == spoken
 
 
 def test_numbers_are_written_as_the_language_writes_them() -> None:
-    assert [translations.number(value, "ja") for value in (18.0, 0.0001, 2000)] == [
+    assert [translations.number(value, Wording("ja")) for value in (18.0, 0.0001, 2000)] == [
         "18",
         "0.0001",
         "2,000",
@@ -121,7 +123,7 @@ def test_numbers_are_written_as_the_language_writes_them() -> None:
 
 
 def test_what_comes_into_a_translated_text_is_escaped() -> None:
-    template = environment_in("ja").from_string(
+    template = environment_in(Wording("ja")).from_string(
         '{{ _("Questions? Contact %(contact)s.", contact=c) }}'
     )
     assert template.render(c="<b>") == "ご質問は&lt;b&gt;までお寄せください。"

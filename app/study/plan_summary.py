@@ -84,7 +84,7 @@ def _rollouts(name: str, environment: Environment) -> str:
         f"In {name}, videos are recorded {by} while people choose: at most"
         f" {_many(said.new_per_query, 'new candidate')} in each pair{late}; one shown before comes"
         f" {again}. Up to {_many(said.ahead, 'rollout')} are asked for ahead; each is tried up to"
-        f" {_times(said.attempts)} and may be silent for {said.timeout_s} s."
+        f" {_times(said.attempts)} and may take {said.timeout_s} s."
     )
 
 

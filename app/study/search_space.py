@@ -26,7 +26,7 @@ LOG = "log"
 #: The method that can propose points which are not in a list.
 RANGE_METHOD = "pbpo-threshold"
 #: What the command of a machine is given beside the parameters.
-COMMAND_PLACEHOLDERS = frozenset({"video", "seed", "rollout"})
+COMMAND_PLACEHOLDERS = frozenset({"video", "seed", "rollout", "environment", "run_index"})
 
 _BOUND = f"a number between -{LARGEST_BOUND:g} and {LARGEST_BOUND:g}"
 

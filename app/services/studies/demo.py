@@ -15,6 +15,8 @@ from app.services.runtime.errors import NotFoundError, SignInRequiredError
 from . import repository
 
 STUDY = "waste-crane"
+#: Opened beside it: its videos are recorded by the crane inside the server while people choose.
+LIVE_STUDY = "waste-crane-live"
 EMAIL = "demo@pbpo.example"
 ACCESS_FILE = "access.json"
 
@@ -33,12 +35,13 @@ class Access:
 
 def prepare(app: AppContext, base_url: str) -> Access:
     """Create what is missing and write `access.json`. A second start reuses what exists."""
-    try:
-        study = repository.find(app, STUDY)
-    except NotFoundError:
-        study = repository.create(app, repository.load_folder(STUDY))
-    if study.status == repository.DRAFT:
-        repository.open_study(app, STUDY)
+    for slug in (STUDY, LIVE_STUDY):
+        try:
+            study = repository.find(app, slug)
+        except NotFoundError:
+            study = repository.create(app, repository.load_folder(slug))
+        if study.status == repository.DRAFT:
+            repository.open_study(app, slug)
 
     path = app.settings.data_dir / ACCESS_FILE
     kept = _read(path)

@@ -69,3 +69,10 @@ def test_nothing_half_written_is_left_behind(stocked: AppContext) -> None:
     (stocked.settings.data_dir / "access.json.part").write_text("of a start that was killed")
     demo.prepare(stocked, URL)
     assert not Path(stocked.settings.data_dir / "access.json.part").exists()
+
+
+def test_the_demo_opens_the_study_whose_videos_are_recorded_while_people_choose(
+    stocked: AppContext,
+) -> None:
+    demo.prepare(stocked, URL)
+    assert repository.find(stocked, "waste-crane-live").status == repository.OPEN

@@ -28,6 +28,7 @@ from .errors import (
     HistoryError,
     NoPosteriorError,
     PbboError,
+    PersonError,
     PointError,
     QueryNotAskedError,
     ScoreError,
@@ -41,6 +42,7 @@ from .errors import (
 )
 from .methods import METHODS, allows_skip, has_posterior, learns_reasons
 from .optimizer import PreferenceOptimizer
+from .people_settings import PeopleSettings
 from .preferences import RESPONSES, SKIP_REASONS, Preference, Query, Response, SkipReason
 from .score_optimizer import SCORE_METHODS, SCORE_PRESETS, ScoreOptimizer
 from .settings import PRESETS, ScoreSettings, Settings, defaults_under
@@ -63,6 +65,8 @@ __all__ = [
     "HistoryError",
     "NoPosteriorError",
     "PbboError",
+    "PeopleSettings",
+    "PersonError",
     "PointError",
     "Preference",
     "PreferenceOptimizer",

@@ -1,5 +1,6 @@
 """What the answers say about a box: the fits to the points shown, asked about any others."""
 
+from collections.abc import Callable
 from typing import Final
 
 import numpy as np
@@ -7,7 +8,7 @@ import numpy as np
 from . import box_design
 from .box import Box
 from .candidates import FloatArray
-from .model_averaging import Average, fitted_parts, predicted
+from .model_averaging import Average, FittedScale, fitted_parts, predicted
 from .posterior_maximum import MeanFunction, ascend
 from .settings import Settings
 from .skip_synthesis import Learned
@@ -16,6 +17,21 @@ from .skip_synthesis import Learned
 REFINED: Final = 3
 #: Deviations above the mean of that upper bound.
 UPPER: Final = 2.0
+
+#: Fits to points in kernel coordinates (n, d) of which some rows lie below the threshold, and the
+#: weights of the fits, or None for those by evidence.
+FitToPoints = Callable[[FloatArray, tuple[int, ...]], tuple[list[FittedScale], FloatArray | None]]
+
+
+def fit_of_one(learned: Learned, settings: Settings) -> FitToPoints:
+    """The fits to one person's answers."""
+
+    def fit(seen: FloatArray, below: tuple[int, ...]) -> tuple[list[FittedScale], None]:
+        return fitted_parts(seen, learned.preferences, learned.skips, settings, below), None
+
+    return fit
+
+
 #: Starts of the search for the maximum of the mean.
 STARTS: Final = 12
 
@@ -24,7 +40,7 @@ class BoxBelief:
     """The mixture of fits at all length scales.
 
     whole: (n, d), points over the whole box.  shown: (p, d), points that answers name by row.
-    excluded: (e, d), points learned to lie below the threshold.
+    excluded: (e, d), points learned to lie below the threshold.  fit: makes the fits.
     """
 
     def __init__(
@@ -33,7 +49,7 @@ class BoxBelief:
         whole: FloatArray,
         shown: FloatArray,
         excluded: FloatArray,
-        learned: Learned,
+        fit: FitToPoints,
         settings: Settings,
     ) -> None:
         self._box, self._whole, self._settings = box, whole, settings
@@ -44,17 +60,12 @@ class BoxBelief:
         for key in box.keys(excluded):
             rows.setdefault(key, len(rows))
         below = sorted(rows[key] for key in box.keys(excluded))
-        self._parts = fitted_parts(
-            box.kernel_coordinates(self._fitted_to),
-            learned.preferences,
-            learned.skips,
-            settings,
-            tuple(below),
-        )
+        self._parts, self._weights = fit(box.kernel_coordinates(self._fitted_to), tuple(below))
 
     def over(self, points: FloatArray) -> Average:
         """The belief over points (n, d) of which the first are those it was fitted to."""
-        return predicted(self._box.kernel_coordinates(points), self._parts, self._settings)
+        seen = self._box.kernel_coordinates(points)
+        return predicted(seen, self._parts, self._settings, self._weights)
 
     def at(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Mean and standard deviation at points (k, d); (k,) each."""

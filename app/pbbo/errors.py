@@ -45,6 +45,10 @@ class SkipReasonError(PbboError):
     """A reason is unknown, came without a skip, or the method does not learn from it."""
 
 
+class PersonError(PbboError):
+    """A person is not named as it has to be, or has given no answer."""
+
+
 class SurenessError(PbboError):
     """A share or probability is not a number in its range."""
 

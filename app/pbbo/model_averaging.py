@@ -109,12 +109,15 @@ def average_over(
 class FittedScale:
     """What was learned at one length scale, from comparisons of n points.
 
-    learned: None if there was nothing to learn from.
+    learned: None if there was nothing to learn from.  signal, extra: prior variance of the points,
+    and of the threshold and tie width, as shares of the usual.
     """
 
     length_scale: float
     n: int
     learned: Fit | None
+    signal: float = 1.0
+    extra: float = 1.0
 
 
 def fitted_parts(
@@ -143,12 +146,21 @@ def fitted_parts(
     return of_each_scale(fit_at, scales)
 
 
-def predicted(points: FloatArray, parts: Sequence[FittedScale], settings: Settings) -> Average:
-    """What the fits say of these points (k, d), whose first rows are those that were fitted to."""
-    extra = latent_variances(settings.signal_variance)
+def predicted(
+    points: FloatArray,
+    parts: Sequence[FittedScale],
+    settings: Settings,
+    weights: FloatArray | None = None,
+) -> Average:
+    """What the fits say of these points (k, d), whose first rows are those that were fitted to.
+
+    weights: of the parts, if not those by evidence.
+    """
     posteriors = []
     for part in parts:
-        prior = PointPrior(points, part.length_scale, settings.signal_variance, extra)
+        signal = part.signal * settings.signal_variance
+        extra = latent_variances(part.extra * settings.signal_variance)
+        prior = PointPrior(points, part.length_scale, signal, extra)
         if part.learned is None:
             posteriors.append(unlearned(prior))
             continue
@@ -157,7 +169,7 @@ def predicted(points: FloatArray, parts: Sequence[FittedScale], settings: Settin
         seen = np.where(seen < part.n, seen, seen + len(points) - part.n)
         learned = Fit(seen, part.learned.whiten, part.learned.q)
         posteriors.append(posterior_over(prior, learned))
-    return averaged(posteriors, len(points))
+    return averaged(posteriors, len(points), weights)
 
 
 def length_scales(settings: Settings, dimensions: int) -> list[float]:
@@ -181,11 +193,12 @@ def of_each_scale(fit_at: Callable[[float], Part], scales: Sequence[float]) -> l
     return parts
 
 
-def averaged(parts: Sequence[Posterior], n: int) -> Average:
-    """The mixture of these posteriors over n candidates, weighted by evidence."""
-    bounds = np.array([part.bound for part in parts])
-    weights = np.exp(bounds - bounds.max())
-    weights /= weights.sum()
+def averaged(parts: Sequence[Posterior], n: int, weights: FloatArray | None = None) -> Average:
+    """The mixture of these posteriors over n candidates, by default weighted by evidence."""
+    if weights is None:
+        bounds = np.array([part.bound for part in parts])
+        weights = np.exp(bounds - bounds.max())
+        weights /= weights.sum()
     means = np.array([part.mean for part in parts])  # (parts, n + 2)
     stds = np.array([part.std for part in parts])
     mean = weights @ means

@@ -5,7 +5,7 @@ carried from one model fit to the next, so an optimiser replayed from stored res
 the one that never stopped would have, at the cost of one fit.
 """
 
-from collections.abc import Iterable
+from collections.abc import Callable, Collection, Iterable
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
@@ -18,6 +18,7 @@ from .errors import (
     FitError,
     HistoryError,
     NoPosteriorError,
+    PersonError,
     QueryNotAskedError,
     SettingsError,
     SkipNotOfferedError,
@@ -28,6 +29,8 @@ from .farthest_point import farthest_points
 from .knockout import challenger
 from .methods import method_named
 from .one_thread import one_thread
+from .people_settings import PeopleSettings, checked_people_settings
+from .people_trial import PeopleTrial, checked_person, checked_target
 from .preferences import (
     Preference,
     Query,
@@ -45,17 +48,25 @@ from .skip_synthesis import Learned
 if TYPE_CHECKING:
     from .model import AnyPrior, Posterior
     from .model_averaging import Average
+    from .people_model import PeopleModel
     from .sureness import Landscapes
 
 # Means this close, in prior standard deviations, differ by rounding alone.
 TIE = 1e-9
 
 
+#: (left, right, response), a skip's reason behind it, and the person behind that.
+HistoryEntry = (
+    tuple[int, int, str] | tuple[int, int, str, str | None] | tuple[int, int, str, str | None, str]
+)
+
+
 class PreferenceOptimizer:
     """Finds the candidate an evaluator likes best from choices between two.
 
     candidates: (n, d), finite, at least two different rows. For a `Box` in its place the result is
-    a `BoxOptimizer`, which takes the same arguments.
+    a `BoxOptimizer`, which takes the same arguments.  people: how the answers of several people are
+    modelled, where `tell` is told whose they are.
     """
 
     def __new__(cls, candidates: Any, *args: Any, **kwargs: Any) -> Any:
@@ -72,6 +83,8 @@ class PreferenceOptimizer:
         method: str = "pbpo",
         seed: int = 0,
         settings: Settings | None = None,
+        *,
+        people: PeopleSettings | None = None,
     ) -> None:
         self._method_name = method
         self._method = method_named(method)
@@ -87,55 +100,104 @@ class PreferenceOptimizer:
         self._belief: Posterior | Average | FitError | None = None
         # Depends on the candidates and the settings alone: kept between fits, never learned.
         self._prior: AnyPrior | None = None
+        self._people_settings = checked_people_settings(people)
+        self._people: PeopleTrial[Query] | None = None
 
     @classmethod
     def replay(
         cls,
         candidates: Any,
-        history: Iterable[tuple[int, int, str] | tuple[int, int, str, str | None]],
+        history: Iterable[HistoryEntry],
         *,
         method: str = "pbpo",
         seed: int = 0,
         settings: Settings | None = None,
+        people: PeopleSettings | None = None,
     ) -> Self:
         """The optimiser after exactly these (left, right, response), oldest first.
 
-        An entry may have the reason of a skip as a fourth part. The queries are taken as stored,
-        whether or not this version would have asked them.
+        An entry may have the reason of a skip, or None, as a fourth part, and then the person who
+        gave the response as a fifth. The queries are taken as stored, whether or not this version
+        would have asked them.
         """
-        optimizer: Self = cls(candidates, method, seed, settings)
+        optimizer: Self = cls(candidates, method, seed, settings, people=people)
         for place, entry in enumerate(history):
-            optimizer._record(*optimizer._checked_entry(place, entry))
+            left, right, response, reason = optimizer._checked_entry(place, entry)
+            if len(entry) == 5:
+                optimizer._record_of(checked_person(entry[4]), left, right, response, reason)
+            elif optimizer._people is None:
+                optimizer._record(left, right, response, reason)
+            else:
+                raise HistoryError(
+                    f"history[{place}]: expected a person, since earlier entries name one"
+                )
         return optimizer
 
-    def ask(self) -> Query:
-        """The query that waits for a response; the same one until `tell`."""
-        if self._pending is None:
-            self._pending = self._propose()
-        return self._pending
+    def ask(self, person: str | None = None, *, target: str = "population") -> Query:
+        """The query that waits for a response; the same one until `tell`.
 
-    def tell(self, query: Query, response: str, reason: str | None = None) -> None:
+        person: who will answer, where several people do; each has a query of their own, and no two
+        open ones are the same pair while there are others.  target: whose best candidate the query
+        is to find, the "population"'s or the "person"'s own.
+        """
+        whose = checked_target(target)
+        if person is None and self._people is None:
+            if self._pending is None:
+                self._pending = self._propose(self._told, self._last)
+            return self._pending
+        name = None if person is None else checked_person(person)
+        if whose == "person" and name is None:
+            raise PersonError("ask: expected a person, whose best is to be found, got none")
+        trial = self._people_trial("ask")
+        about = name if whose == "person" else None
+
+        def propose(index: int, last: frozenset[int]) -> Query:
+            taken = [frozenset((query.left, query.right)) for query in trial.open_queries]
+            return self._propose(index, last, lambda: self._people_belief(about), taken)
+
+        return trial.asked(name, propose)
+
+    def tell(
+        self, query: Query, response: str, reason: str | None = None, *, person: str | None = None
+    ) -> None:
         """Take the response to the query that `ask` gave.
 
         reason: why a query was skipped, "both_bad" or "cannot_tell", for a method that learns from
-        it. Without one a skip means what the setting `threshold_skip_means` says.
+        it. Without one a skip means what the setting `threshold_skip_means` says.  person: whose
+        response it is. Either every response of a trial names a person or none does.
         """
-        if self._pending is None or query != self._pending:
-            waiting = "none, ask() comes first" if self._pending is None else repr(self._pending)
-            raise QueryNotAskedError(
-                f"tell: expected the query that waits ({waiting}), got {query!r}"
-            )
-        checked = checked_response(response)
-        self._record(query.left, query.right, *self._method.understood(checked, reason))
+        if person is None and self._people is None:
+            if self._pending is None or query != self._pending:
+                waiting = (
+                    "none, ask() comes first" if self._pending is None else repr(self._pending)
+                )
+                raise QueryNotAskedError(
+                    f"tell: expected the query that waits ({waiting}), got {query!r}"
+                )
+            checked = checked_response(response)
+            self._record(query.left, query.right, *self._method.understood(checked, reason))
+            return
+        name = checked_person(person)
+        trial = self._people_trial("tell")
+        understood = self._method.understood(checked_response(response), reason)
+        trial.close(query, name)
+        self._record_of(name, query.left, query.right, *understood)
 
-    def best(self) -> int:
+    def forget(self, person: str) -> None:
+        """Take back everything that this person answered, as if they had never taken part."""
+        self._people_trial("forget").forget(checked_person(person))
+
+    def best(self, person: str | None = None) -> int:
         """The acquired candidate: the largest posterior mean, or knockout's last winner.
 
-        Of equal means the first row. While nothing has been learned every candidate is as good as
+        Where several people answer, the population's best; with `person`, that person's own. Of
+        equal means the first row. While nothing has been learned every candidate is as good as
         any other, and one drawn from the seed is named. Where the model cannot be fitted, the
         candidate that won most often, counted against its losses.
         """
         n = len(self._candidates)
+        if person is not None or self._people is not None:
+            return self._best_of_people(person)
         if not self._method.model:
             winner = self._learned.last_choice
             return self._uninformed() if winner is None else winner
@@ -149,14 +211,19 @@ class PreferenceOptimizer:
                 wins[preference.winner] += 1.0
                 wins[preference.loser] -= 1.0
             return int(np.argmax(wins))
-        margin = TIE * float(np.sqrt(self._settings.signal_variance))
-        return int(np.argmax(mean >= mean.max() - margin))
+        return self._largest(mean)
 
-    def posterior(self) -> tuple[FloatArray, FloatArray]:
+    def posterior(self, person: str | None = None) -> tuple[FloatArray, FloatArray]:
         """Mean and standard deviation of the latent function at every candidate; each (n,).
 
+        Where several people answer, the population's function; with `person`, that person's.
         `NoPosteriorError` for a method without a model, `FitError` where it cannot be fitted.
         """
+        if person is not None or self._people is not None:
+            about = None if person is None else checked_person(person)
+            with one_thread():
+                average = self._people_belief(about)
+            return average.mean.copy(), average.std.copy()
         if not self._method.model:
             raise NoPosteriorError(f"posterior: {self._method_name} keeps no model of the answers")
         with one_thread():
@@ -183,8 +250,9 @@ class PreferenceOptimizer:
         if not self._method.model:
             raise NoPosteriorError(f"sureness: {self._method_name} keeps no model of the answers")
         with one_thread():
-            rng = generator(self._seed, Purpose.SURENESS, self._told)
-            return Landscapes(self._believe(), len(self._candidates), self.best(), rng)
+            rng = generator(self._seed, Purpose.SURENESS, self.responses)
+            belief = self._believe() if self._people is None else self._people_belief(None)
+            return Landscapes(belief, len(self._candidates), self.best(), rng)
 
     @property
     def preferences(self) -> tuple[Preference, ...]:
@@ -194,7 +262,12 @@ class PreferenceOptimizer:
     @property
     def responses(self) -> int:
         """How many responses were taken, skips included: the index of the next query."""
-        return self._told
+        return self._told if self._people is None else len(self._people.history)
+
+    @property
+    def people(self) -> tuple[str, ...]:
+        """The people who have answered, by their first answer."""
+        return () if self._people is None else self._people.names
 
     @property
     def settings(self) -> Settings:
@@ -214,10 +287,10 @@ class PreferenceOptimizer:
     ) -> tuple[int, int, Response, SkipReason | None]:
         """One entry of a stored history, or a named error with its place."""
         n = len(self._candidates)
-        if not isinstance(entry, (tuple, list)) or len(entry) not in (3, 4):
+        if not isinstance(entry, (tuple, list)) or len(entry) not in (3, 4, 5):
             raise HistoryError(
                 f"history[{place}]: expected (left, right, response), or with a reason behind, "
-                f"got {entry!r}"
+                f"and a person behind that, got {entry!r}"
             )
         left, right, response = entry[:3]
         for side in (left, right):
@@ -231,52 +304,73 @@ class PreferenceOptimizer:
                 f"history[{place}]: expected two different candidates, got {left} on both sides"
             )
         try:
-            reason = entry[3] if len(entry) == 4 else None
+            reason = entry[3] if len(entry) > 3 else None
             checked = self._method.understood(checked_response(response), reason)
         except (SkipNotOfferedError, SkipReasonError, UnknownResponseError) as error:
             raise type(error)(f"history[{place}]: {error}") from error
         return int(left), int(right), *checked
 
-    def _propose(self) -> Query:
-        index = self._told
-        trial_type, acquisition, pair = self._choose(index)
+    def _propose(
+        self,
+        index: int,
+        last: frozenset[int],
+        believe: "Callable[[], Average] | None" = None,
+        taken: Collection[frozenset[int]] = (),
+    ) -> Query:
+        """The query of this number. last: the pair not to show again.  believe: the belief to
+        choose by, if not the one of one person.  taken: pairs that others are looking at."""
+        trial_type, acquisition, pair = self._choose(index, last, believe, taken)
         if generator(self._seed, Purpose.SIDES, index).integers(2):
             pair = pair[::-1]
         return Query(index, pair[0], pair[1], trial_type, acquisition, self._seed)
 
-    def _choose(self, index: int) -> tuple[TrialType, str, tuple[int, int]]:
+    def _choose(
+        self,
+        index: int,
+        last: frozenset[int],
+        believe: "Callable[[], Average] | None",
+        taken: Collection[frozenset[int]],
+    ) -> tuple[TrialType, str, tuple[int, int]]:
         if not self._method.model:
             winner = self._learned.last_choice
             if winner is None:
-                return "random", "random", self._random_pair(index)
+                return "random", "random", self._random_pair(index, last)
             rng = generator(self._seed, Purpose.KNOCKOUT, index)
-            opponent = challenger(rng, len(self._candidates), winner, self._last)
+            opponent = challenger(rng, len(self._candidates), winner, last)
             return "model", "knockout", (winner, opponent)
         if self._method.threshold and self._settings.threshold_covering:
             covering_pair = self._covering_pair(index)
             if covering_pair is not None:
                 return "random", "covering", covering_pair
-        elif self._learned.answers < self._settings.random_queries:
-            return "random", "random", self._random_pair(index)
+        elif self._answers < self._settings.random_queries:
+            return "random", "random", self._random_pair(index, last)
         try:
             with one_thread():
-                return "model", *self._model_pair(index)
+                return "model", *self._model_pair(index, last, believe, taken)
         except FitError:
             # The evaluator goes on; the record says that this query was not the model's.
-            return "random", "random-fallback", self._random_pair(index)
+            return "random", "random-fallback", self._random_pair(index, last)
 
-    def _model_pair(self, index: int) -> tuple[str, tuple[int, int]]:
+    def _model_pair(
+        self,
+        index: int,
+        last: frozenset[int],
+        believe: "Callable[[], Average] | None",
+        taken: Collection[frozenset[int]],
+    ) -> tuple[str, tuple[int, int]]:
         """The acquisition's name and the pair it chose."""
         # Loaded by the fit at the latest: no import waits here.
         from .eubo import eubo_pair  # noqa: PLC0415
         from .model_averaging import Average  # noqa: PLC0415
 
-        belief = self._believe()
+        belief = self._believe() if believe is None else believe()
         if isinstance(belief, Average):
-            boldness = self._settings.threshold_boldness
-            return "best-option", eubo_pair(belief, boldness[index % len(boldness)], self._last)
+            boldness = self._settings.threshold_boldness[
+                index % len(self._settings.threshold_boldness)
+            ]
+            return "best-option", eubo_pair(belief, boldness, last, pending=taken)
         rng = generator(self._seed, Purpose.THOMPSON, index)
-        pair = thompson_pair(rng, belief.draw, len(self._candidates), self._last)
+        pair = thompson_pair(rng, belief.draw, len(self._candidates), last)
         return self._settings.acquisition, pair
 
     def _covering_pair(self, index: int) -> tuple[int, int] | None:
@@ -291,9 +385,21 @@ class PreferenceOptimizer:
         pair = rows[2 * index : 2 * index + 2]
         return (int(pair[0]), int(pair[1])) if len(pair) == 2 else None
 
-    def _random_pair(self, index: int) -> tuple[int, int]:
+    def _random_pair(self, index: int, last: frozenset[int]) -> tuple[int, int]:
         rng = generator(self._seed, Purpose.RANDOM_PAIR, index)
-        return random_pair(rng, len(self._candidates), self._last)
+        return random_pair(rng, len(self._candidates), last)
+
+    @property
+    def _answers(self) -> int:
+        """How many responses were not skips."""
+        if self._people is None:
+            return self._learned.answers
+        return sum(answer.response != "skip" for answer in self._people.history)
+
+    def _largest(self, mean: FloatArray) -> int:
+        """The first row whose mean is the largest to within rounding."""
+        margin = TIE * float(np.sqrt(self._settings.signal_variance))
+        return int(np.argmax(mean >= mean.max() - margin))
 
     def _uninformed(self) -> int:
         rng = generator(self._seed, Purpose.UNINFORMED, 0)
@@ -323,3 +429,66 @@ class PreferenceOptimizer:
         if isinstance(self._belief, FitError):
             raise self._belief
         return self._belief
+
+    def _people_trial(self, call: str) -> PeopleTrial[Query]:
+        """What several people answered; begun when a person is first named."""
+        if self._people is None:
+            if self._told:
+                raise PersonError(
+                    f"{call}: expected no person, since {self._told} earlier responses name none"
+                )
+            if not self._method.threshold:
+                raise PersonError(
+                    f"{call}: expected the method pbpo-threshold, which knows several people, "
+                    f"got {self._method_name}"
+                )
+            self._people = PeopleTrial(self._people_settings)
+            if self._pending is not None:
+                self._people.opened(self._pending)
+                self._pending = None
+        return self._people
+
+    def _record_of(
+        self, person: str, left: int, right: int, response: Response, reason: SkipReason | None
+    ) -> None:
+        meant = self._settings.threshold_skip_means if reason is None else reason
+        self._people_trial("tell").record(person, left, right, response, meant)
+
+    def _best_of_people(self, person: str | None) -> int:
+        about = None if person is None else checked_person(person)
+        trial = self._people_trial("best")
+        if not trial.history:
+            return self._uninformed()
+        try:
+            with one_thread():
+                return self._largest(self._people_belief(about).mean)
+        except FitError:
+            wins = np.zeros(len(self._candidates))
+            for answer in trial.history:
+                if answer.response != "skip" and about in (None, answer.person):
+                    better = answer.left if answer.response == "left" else answer.right
+                    wins[[answer.left, answer.right]] -= 1.0
+                    wins[better] += 2.0
+            return int(np.argmax(wins))
+
+    def people_model(self) -> "PeopleModel":
+        """What the answers say of the people: noises, the share of taste that is their own.
+
+        `PersonError` before anybody has answered, `FitError` where the model cannot be fitted.
+        """
+        from .people_belief import fitter_over  # noqa: PLC0415
+
+        trial = self._people_trial("people_model")
+        if not trial.history:
+            raise PersonError("people_model: expected one response at least, got none")
+        fitter = fitter_over(self._candidates, self._settings, self._people_settings)
+        with one_thread():
+            return trial.model(fitter)
+
+    def _people_belief(self, person: str | None) -> "Average":
+        """The belief about the population, or about one person."""
+        from .people_belief import belief_of, unlearned_people  # noqa: PLC0415
+
+        if not self._people_trial("posterior").history:
+            return unlearned_people(self._candidates, self._settings)
+        return belief_of(self._candidates, self.people_model(), person, self._settings)

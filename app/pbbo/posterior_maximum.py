@@ -34,7 +34,8 @@ class MeanFunction:
             of_points = part.learned.seen < part.n
             pull = (part.learned.whiten.T @ part.learned.q.mean)[of_points]
             places = seen[part.learned.seen[of_points]]
-            self._terms.append((places, weight * variance * pull, part.length_scale))
+            share = weight * (variance * part.signal)
+            self._terms.append((places, share * pull, part.length_scale))
 
     def __call__(self, at: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Mean (k,) and gradient (k, d) at kernel coordinates (k, d)."""

@@ -223,20 +223,20 @@ def study_words(
 def study_check(folder: Folder, data_dir: DataDir = None) -> None:
     """Name every fault in a study's folder, and what is worth knowing of it."""
     found = repository.examine_folder(folder)
-    for line in in_lines(found.remarks):
-        out.print(line)
-    if found.unused:
-        out.print(f"not used by the study: {', '.join(found.unused)}")
     if found.study is None:
         raise StudyFaults(found.faults)
-    for line in in_lines(repository.doubts_on(found.study)):
-        out.print(f"doubt: {line}")
     loaded = found.study
     plan = loaded.plan
     out.print(
         f"{plan.slug}: no fault found. {len(plan.conditions)} conditions, {plan.trials} trials of "
         f"{plan.queries_per_trial} queries."
     )
+    for line in in_lines(found.remarks):
+        out.print(line)
+    if found.unused:
+        out.print(f"not used by the study: {', '.join(found.unused)}")
+    for line in in_lines(repository.doubts_on(loaded)):
+        out.print(f"doubt: {line}")
     settings = settings_of(data_dir)
     if settings.database_url or (settings.data_dir / DATABASE_FILE).is_file():
         taken = slugs.unavailable_reason(

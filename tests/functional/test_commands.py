@@ -207,7 +207,7 @@ def test_a_mistake_is_one_line_and_exit_status_2(
 def test_mistakes_about_a_study_that_is_there(stocked: Run, tmp_path: Path) -> None:
     out = tmp_path / "out"
     wrong_table = mistake(stocked("export", "short", "--out", out, "--table", "answers"))
-    assert "expected tables among queries, preferences" in wrong_table
+    assert "expected tables among queries, trials, preferences" in wrong_table
     assert "'answers'" in wrong_table
     assert "pickle" in mistake(stocked("export", "short", "--out", out, "--format", "pickle"))
     assert "dream" in mistake(stocked("export", "short", "--out", out, "--mode", "dream"))

@@ -189,7 +189,9 @@ def test_revised_texts_are_a_new_version_that_the_plan_shows(
     }
     assert desk.post(f"{kettles}/texts", **given).status_code == 303
     assert repository.find(app, "kettles").plan_version == 1
-    empty = desk.post(f"{kettles}/texts", **{**given, "en/consent": " ", "ja/debrief": "[name]"})
+    empty = desk.post(
+        f"{kettles}/texts", **{**given, "en/consent": " ", "ja/debrief": "[your address]"}
+    )
     assert empty.status_code == 422
     assert "texts/en/consent.md" in empty.text
     assert "texts/ja/debrief.md:1" in empty.text

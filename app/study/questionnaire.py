@@ -11,8 +11,10 @@ from . import numbers
 from .numbers import Doubtful
 from .parsed_plan import Inconsistency, Place, all_languages, as_list, as_mapping, repeats
 from .plan_model import ONE_OR_MORE_TEXTS, LocalText, Part
+from .typed_text import typed_length, with_line_feeds
 
 DEFAULT_POINTS = 5
+#: Of a text answer, as browsers count it.
 LONGEST_TEXT = 2_000
 
 #: What only items of one type may say.
@@ -115,8 +117,9 @@ def read_answers(
 def _read(item: Item, given: object) -> str | Doubtful | None:
     """The answer as text; what it could mean, where that is to be asked; or None."""
     if item.type == "text":
-        sound = isinstance(given, str) and len(given) <= LONGEST_TEXT and "\0" not in given
-        return str(given) if sound else None
+        if not isinstance(given, str) or typed_length(given) > LONGEST_TEXT or "\0" in given:
+            return None
+        return with_line_feeds(given)
     number = _number(given)
     if isinstance(number, Doubtful):
         possible = tuple(one for one in number.readings if _takes(item, one))

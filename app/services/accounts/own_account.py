@@ -10,6 +10,7 @@ from sqlalchemy import delete, select
 from app.services.context import AppContext
 from app.services.runtime.errors import ConflictError, ForbiddenError, NotFoundError
 from app.storage.models.accounts import Account, ApiToken, SignIn
+from app.study.typed_text import typed_length
 
 from . import accounts, audit_log, credential_revocation, login_rate_limit, password_hash_limit
 from .accounts import API_TOKEN_LASTS, Principal, Scope
@@ -126,10 +127,9 @@ def make_api_token(app: AppContext, caller: Principal, label: str, scope: Scope,
     days: its lifetime. Raises ConflictError if the label or the lifetime is out of range.
     """
     label = label.strip()
-    if not 1 <= len(label) <= LONGEST_LABEL:
-        raise ConflictError(
-            f"expected a label of 1 to {LONGEST_LABEL} characters, got {len(label)}"
-        )
+    length = typed_length(label)
+    if not 1 <= length <= LONGEST_LABEL:
+        raise ConflictError(f"expected a label of 1 to {LONGEST_LABEL} characters, got {length}")
     if not 1 <= days <= MOST_DAYS:
         raise ConflictError(f"expected 1 to {MOST_DAYS} days, got {days}")
     lasts = timedelta(days=days)

@@ -12,6 +12,7 @@ from app.services.context import AppContext
 from app.services.runtime.errors import ConflictError, NotFoundError
 from app.storage.models.rollouts import Machine, Rollout
 from app.storage.models.studies import Study
+from app.study.typed_text import typed_length
 
 from . import outcomes
 from .reports import LONGEST_REASON
@@ -111,9 +112,10 @@ def _locked(db: Session, slug: str, public_id: str) -> Rollout:
 
 def _reason(said: str) -> str:
     said = " ".join(said.split())
-    if not 0 < len(said) <= LONGEST_REASON:
+    length = typed_length(said)
+    if not 0 < length <= LONGEST_REASON:
         raise ConflictError(
-            f"expected a reason of 1 to {LONGEST_REASON:,} characters, got {len(said):,}"
+            f"expected a reason of 1 to {LONGEST_REASON:,} characters, got {length:,}"
         )
     return said
 

@@ -154,3 +154,26 @@ def test_questions_come_after_each_trial_and_once_more_at_the_end(
     end = advance(plan, last, Answered(NOON))
     assert end == Progress(Stage.QUESTIONNAIRE, trial_index=2, query_index=1)
     assert advance(plan, end, Answered(NOON)) == Progress(Stage.DEBRIEF, trial_index=2)
+
+
+@pytest.mark.parametrize(
+    ("text", "stored"),
+    [
+        ("\r\n".join(["x"] * 1000) + "y", "\n".join(["x"] * 1000) + "y"),
+        ("a\rb\r\nc", "a\nb\nc"),
+        ("\U0001f600" * 1000, "\U0001f600" * 1000),
+        ("水" * 2000, "水" * 2000),
+    ],
+)
+def test_a_text_that_its_field_takes_is_stored_with_the_line_breaks_of_the_field(
+    text: str, stored: str
+) -> None:
+    values, faults = read_answers(ITEMS, {"effort": 1, "remarks": text})
+    assert faults == []
+    assert values["remarks"] == stored
+
+
+@pytest.mark.parametrize("text", ["\U0001f600" * 1000 + "y", "\r\n".join(["x"] * 1001)])
+def test_a_text_that_its_field_does_not_take_is_too_long(text: str) -> None:
+    _, faults = read_answers(ITEMS, {"effort": 1, "remarks": text})
+    assert [(fault.item, fault.kind) for fault in faults] == [("remarks", "text")]

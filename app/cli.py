@@ -36,7 +36,7 @@ from app.commands.options import (
 )
 from app.services.runtime.errors import ConflictError, ServiceError, SlugTakenError
 from app.services.runtime.settings import DATABASE_FILE
-from app.services.studies import repository, revision, slugs
+from app.services.studies import opening, repository, revision, slugs
 from app.study.folder import UnknownStudyError
 from app.study.scaffold import FolderNotEmptyError
 from app.study.shortening import shortened
@@ -300,9 +300,20 @@ def study_list(data_dir: DataDir = None) -> None:
 
 
 @study_app.command("open")
-def study_open(slug: Slug, data_dir: DataDir = None) -> None:
-    """Let participants in."""
+def study_open(
+    slug: Slug,
+    yes: Annotated[
+        bool, typer.Option("--yes", help="Open it without asking; in a script, it is not asked.")
+    ] = False,
+    data_dir: DataDir = None,
+) -> None:
+    """Let participants in, after naming what is doubtful. The plan is final from then on."""
     app = app_context_of(data_dir)
+    study = repository.find(app, slug)
+    for line in in_lines(opening.doubts_before_opening(app, study)):
+        out.print(f"doubt: {line}")
+    if study.status == repository.DRAFT and not yes and sys.stdin.isatty():
+        typer.confirm(f"Open {slug}? Its plan is final from then on.", abort=True)
     repository.open_study(app, slug)
     entrance = address_of(app, f"/s/{slug}")
     out.print(f"{slug} is open: participants enter at {entrance}")

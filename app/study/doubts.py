@@ -8,15 +8,13 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import pairwise
 from typing import Any, Final
 
-from .folder import StudyFolder
+from .page_words import WORDS, spoken_locale
 from .plan import Plan
 from .plan_source import STUDY_FILE
 from .recordings import RecordingRow
 from .table_headers import VIDEO_ENDINGS
 from .validation_errors import Fault
 
-#: Languages that the pages of evaluators speak; in others, buttons and notices are in English.
-TRANSLATED: Final = ("en", "ja")
 #: The longest video lasts so many times the shortest.
 LENGTHS_DIFFER: Final = 1.5
 #: Numbers that differ by less, of their size, are the same as far as anybody can tell.
@@ -29,16 +27,25 @@ _PAIRS: Final = re.compile(
 RandomQueries = Callable[[Mapping[str, Any]], int]
 
 
-def doubts(study: StudyFolder, random_queries: RandomQueries) -> list[Fault]:
-    """The doubts about a valid study, each with the file that it is about."""
-    plan = study.plan
-    used = [row for row in study.recordings if row.environment in plan.used_environments]
+def doubts(
+    plan: Plan,
+    texts: Mapping[str, Mapping[str, str]],
+    recordings: Sequence[RecordingRow],
+    unused: Sequence[str],
+    random_queries: RandomQueries,
+) -> list[Fault]:
+    """The doubts about a valid study, each with the file that it is about.
+
+    texts: language -> name -> text. recordings: the rows of its tables. unused: files that no part
+    of the study names.
+    """
+    used = [row for row in recordings if row.environment in plan.used_environments]
     return [
         *_on_design(plan, random_queries),
-        *_on_languages(plan),
-        *_on_texts(plan, study.texts),
+        *_on_languages(plan, texts),
+        *_on_texts(plan, texts),
         *_on_candidates(plan, used),
-        *_on_videos(used, study.unused),
+        *_on_videos(used, unused),
     ]
 
 
@@ -59,9 +66,9 @@ def _on_design(plan: Plan, random_queries: RandomQueries) -> Iterator[Fault]:
             yield Fault(STUDY_FILE, None, f"no condition uses the environment {name}")
 
 
-def _on_languages(plan: Plan) -> Iterator[Fault]:
+def _on_languages(plan: Plan, texts: Mapping[str, Mapping[str, str]]) -> Iterator[Fault]:
     for language in plan.languages:
-        if language.split("-")[0] not in TRANSLATED:
+        if spoken_locale(language) is None and WORDS not in texts.get(language, {}):
             yield Fault(
                 STUDY_FILE,
                 None,
@@ -80,6 +87,8 @@ def _on_texts(plan: Plan, texts: Mapping[str, Mapping[str, str]]) -> Iterator[Fa
     }
     for language, named in texts.items():
         for name, text in named.items():
+            if name == WORDS:
+                continue
             file = f"texts/{language}/{name}.md"
             for number, line in enumerate(text.splitlines(), start=1):
                 for found in _PAIRS.finditer(line):

@@ -128,6 +128,9 @@ def test_from_a_zip_with_three_faults_to_an_open_study(
     looked_at(page, "manage-draft")
 
     page.get_by_test_id("open-study").click()
+    expect(page.get_by_test_id("doubts")).to_contain_text("never chooses a pair")
+    looked_at(page, "open")
+    page.get_by_test_id("confirm-open").click()
     expect(page.get_by_test_id("status")).to_have_text("Open")
     expect(page.get_by_test_id("plan-hash")).to_have_text(re.compile("^[0-9a-f]{64}$"))
     looked_at(page, "manage-open")

@@ -262,6 +262,7 @@ RULES: Mapping[str, Rule] = {
     },
     # What changes it.
     "GET /studies/{slug}/manage": CHANGE,
+    "GET /studies/{slug}/open": CHANGE,
     "GET /studies/{slug}/texts": CHANGE,
     "GET /studies/{slug}/recruit": CHANGE,
     "GET /studies/{slug}/machines": CHANGE,

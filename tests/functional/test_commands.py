@@ -106,7 +106,9 @@ def test_a_study_is_begun_checked_created_opened_and_closed(pbpo: Run, tmp_path:
     own = write_own_study(tmp_path / "kettles")
     assert pbpo("study", "check", own).out.startswith("kettles: no fault found. 2 conditions")
     assert "created as a draft" in pbpo("study", "create", own).out
-    assert "participants enter at /s/kettles" in pbpo("study", "open", "kettles").out
+    opened = pbpo("study", "open", "kettles").out
+    assert "doubt: study.yaml: its pages have not been previewed" in opened
+    assert "participants enter at /s/kettles" in opened
     assert " open " in pbpo("study", "list").out.splitlines()[1]
     assert pbpo("study", "close", "kettles").out == "kettles is closed.\n"
     assert pbpo("study", "open", "kettles").status == 0

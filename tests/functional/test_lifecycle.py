@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from sqlalchemy import func, select
 
-from app.services.accounts import audit_log
+from app.services.accounts import accounts, audit_log
 from app.services.accounts.accounts import Role
 from app.services.context import AppContext
 from app.services.runtime.errors import ConflictError
@@ -57,6 +57,19 @@ def test_every_step_is_taken_by_the_page_and_kept_in_the_trail(
     client.cookies.clear()
     assert client.post(f"{kettles}/pause", data={"csrf_token": "0"}).status_code == 303
     assert desk.post(f"{kettles}/pause").status_code == 409
+
+
+def test_before_a_draft_is_opened_its_page_names_what_may_not_be_meant(
+    desk: Desk, app: AppContext, kettles: str, client: Api
+) -> None:
+    page = desk.get(f"{kettles}/open").text
+    assert "its pages have not been previewed as an evaluator" in page
+    token = accounts.create_api_token(app, desk.account, "tests")
+    client.start("kettles", mode="preview", by=token)
+    assert "have not been previewed" not in desk.get(f"{kettles}/open").text
+    assert repository.find(app, "kettles").status == "draft"
+    desk.post(f"{kettles}/open")
+    assert desk.get(f"{kettles}/open").headers["location"] == f"{kettles}/manage"
 
 
 def test_a_paused_study_asks_newcomers_to_come_back_and_keeps_those_inside(

@@ -105,9 +105,12 @@ def examine_folder(name_or_path: str) -> study_folder.Examination:
 
 def doubts_on(study: study_folder.StudyFolder) -> list[Fault]:
     """What a person would ask about a valid study before it is opened."""
-    return doubts.doubts(
-        study, lambda settings: OptimizerSettings.from_mapping(settings).random_queries
-    )
+    return doubts.doubts(study.plan, study.texts, study.recordings, study.unused, random_queries)
+
+
+def random_queries(settings: Mapping[str, Any]) -> int:
+    """How many queries of a trial are random pairs under these settings of a condition."""
+    return OptimizerSettings.from_mapping(settings).random_queries
 
 
 def create(

@@ -13,11 +13,18 @@ from app.services.accounts.accounts import Principal
 from app.services.context import AppContext
 from app.services.drafts import drafts
 from app.services.runtime.errors import ChangedMeanwhileError, ConflictError
-from app.services.studies import lifecycle, repository, revision, session_modes, simulation_results
+from app.services.studies import (
+    lifecycle,
+    opening,
+    repository,
+    revision,
+    session_modes,
+    simulation_results,
+)
 from app.services.studies.repository import StudyInfo
 from app.statistics.power import MOST_PEOPLE
 from app.study.text_diff import difference
-from app.study.validation_errors import StudyFaults
+from app.study.validation_errors import StudyFaults, in_lines
 from app.web.http import languages, session_paths
 from app.web.http.security import AppDep
 
@@ -44,6 +51,15 @@ def preview(study: ChangeOf, language: Annotated[str, Form(max_length=12)] = "")
     response = RedirectResponse(address, status_code=303)
     response.delete_cookie(session_paths.cookie_of(session_modes.PREVIEW, study.slug))
     return response
+
+
+@router.get("/studies/{slug}/open")
+def ask_to_open(study: ChangeOf, request: Request, app: AppDep, caller: SignedIn) -> Response:
+    """The question whether to open a draft, with the doubts about it."""
+    if study.status != repository.DRAFT:
+        return _to(study, "/manage")
+    asked = in_lines(opening.doubts_before_opening(app, study))
+    return study_page(request, app, caller, study, "open", doubts=asked)
 
 
 @router.post("/studies/{slug}/open", dependencies=[OwnForm])

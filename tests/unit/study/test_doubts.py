@@ -14,7 +14,11 @@ Edit = Callable[[Path, str, str], None]
 
 
 def asked(folder: Path, random_queries: int = 2) -> str:
-    return " | ".join(str(one) for one in doubts(load(folder), lambda _: random_queries))
+    study = load(folder)
+    found = doubts(
+        study.plan, study.texts, study.recordings, study.unused, lambda _: random_queries
+    )
+    return " | ".join(map(str, found))
 
 
 def test_nothing_is_asked_about_a_study_without_oddities(folder: Path) -> None:
@@ -56,6 +60,8 @@ def test_lengths_that_differ_and_languages_without_pages_are_asked_about(
     said = asked(folder)
     assert "videos/b.mp4 lasts 4 s: the shorter of a pair waits for the longer" in said
     assert "the study is in de: the studio has no translation of them" in said
+    (folder / "texts" / "de" / "words.po").write_text('msgid "Stop"\nmsgstr "Aufhören"\n')
+    assert "the study is in de" not in asked(folder)
 
 
 def test_numbers_in_texts_come_from_the_plan(folder: Path) -> None:

@@ -130,7 +130,7 @@ class Plan(Part):
         default=Checks(), description="a mapping such as {repeats: 0.1, attention: 0.1}"
     )
     query: QueryPage = Field(
-        default=QueryPage(), description="a mapping such as {watch_once: true}"
+        default=QueryPage(), description='a mapping such as {question: "Which is safer?"}'
     )
     questionnaires: Questionnaires = Field(
         default=Questionnaires(),

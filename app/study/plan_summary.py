@@ -41,6 +41,9 @@ def _session(plan: Plan) -> Iterator[str]:
         checks.append(f"{_many(plan.attention_per_trial, 'pair')} of a known bad and a known good")
     if checks:
         yield f"Between them, as checks: {' and '.join(checks)}."
+    question = plan.query.question
+    if question is not None:
+        yield f"The question is “{plan.text(question, plan.default_language)}”."
     if plan.query.watch_once:
         yield "The buttons open once both videos were seen to their end."
     if plan.query.undo_s:

@@ -22,7 +22,7 @@ from .parsed_plan import (
     languages_of,
     repeats,
 )
-from .query_settings import skip_inconsistencies
+from .query_settings import query_inconsistencies, skip_inconsistencies
 from .questionnaire import item_inconsistencies
 from .search_space import space_inconsistencies
 from .stage_settings import PRACTICE
@@ -83,6 +83,7 @@ def inconsistencies(plan: Mapping[str, object]) -> list[Inconsistency]:
         *recruitment.disagreements(plan),
         *retention.disagreements(plan),
         *_blocks(plan),
+        *query_inconsistencies(plan),
         *analysis_inconsistencies(plan),
         *item_inconsistencies(plan, languages_of(plan)),
     ]

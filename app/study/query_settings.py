@@ -9,6 +9,9 @@ from pydantic import Field, StrictBool, StrictInt, StrictStr, StringConstraints
 from .parsed_plan import Inconsistency, Place, all_languages, as_mapping, languages_of
 from .plan_model import ONE_OR_MORE_TEXTS, LocalText, Part, absent
 
+#: The query page's buttons, and all its words, that a study can choose.
+BUTTONS = ("left", "right")
+WORDS = ("question", *BUTTONS)
 FEWEST_REASONS, MOST_REASONS = 2, 4
 
 #: What a skip says under the paper's methods, whatever its label.
@@ -44,6 +47,12 @@ class Skip(Part):
 class QueryPage(Part):
     """How a pair is shown and answered."""
 
+    # Left out of a plan's data where not given, so that the hashes of earlier plans stay valid.
+    question: LocalText | None = Field(
+        default=None, exclude_if=absent, description=ONE_OR_MORE_TEXTS
+    )
+    left: LocalText | None = Field(default=None, exclude_if=absent, description=ONE_OR_MORE_TEXTS)
+    right: LocalText | None = Field(default=None, exclude_if=absent, description=ONE_OR_MORE_TEXTS)
     watch_once: StrictBool = Field(
         default=False,
         description="true or false: whether both videos have to be seen to their end first",
@@ -54,6 +63,18 @@ class QueryPage(Part):
         le=60,
         description="whole seconds from 0 (no undo) to 60 in which a response can be taken back",
     )
+
+
+def query_inconsistencies(plan: Mapping[str, object]) -> Iterator[Inconsistency]:
+    """Words of the query page that lack a language, and one button's words without the other's."""
+    query = as_mapping(plan.get("query"))
+    for name in WORDS:
+        yield from all_languages(("query", name), query.get(name), languages_of(plan))
+    given = [name for name in BUTTONS if query.get(name) is not None]
+    if len(given) == 1:
+        missing = next(name for name in BUTTONS if name not in given)
+        message = f"expected words for both buttons, got {given[0]} without {missing}"
+        yield Inconsistency(("query", given[0]), message)
 
 
 def skip_inconsistencies(

@@ -84,4 +84,4 @@ def test_the_reasons_of_a_skip(page: Page, serve: Serve) -> None:
     enter_small(page, f"{server.url}/s/small")
     page.get_by_test_id("skip").click()
     expect(page.get_by_role("group", name="Why do you skip this pair?")).to_be_visible()
-    expect_readable(page, "Which one is better?")
+    expect_readable(page, "Which video is better?")

@@ -128,7 +128,7 @@ def test_buttons_stay_closed_until_both_videos_were_seen_to_their_end(
     assert page.evaluate("() => window.pressed.closed")
 
     expect(page.get_by_test_id("answer-left")).to_be_enabled()
-    expect(page.get_by_role("heading", level=1)).to_have_text("Which one is better?")
+    expect(page.get_by_role("heading", level=1)).to_have_text("Which video is better?")
     page.keyboard.press("ArrowRight")
     expect(page.get_by_test_id("progress")).to_have_text("Part 1 of 1 · Pair 2 of 4")
     assert responses(server) == [("right", None)]

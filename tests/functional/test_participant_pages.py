@@ -66,7 +66,7 @@ def kept(client: Api, api_token: str) -> int:
 
 HEADINGS = {
     "consent": "Before you take part",
-    "query": "Which one is better?",
+    "query": "Which video is better?",
     "break": "Take a break",
     "completed": "Thank you",
     "declined": "That is fine",

@@ -142,7 +142,7 @@ def test_within_the_age_everybody_goes_on_where_they_were(
 ) -> None:
     session = left_behind(client, study_shelf, app, policy)
     clock.forward(2 * 3600 - 1)
-    assert heading(client.get("/s/short")) == "Which one is better?"
+    assert heading(client.get("/s/short")) == "Which video is better?"
     assert session.respond("left").status_code == 200
     # Each action begins the time anew.
     clock.forward(2 * 3600 - 1)

@@ -103,7 +103,7 @@ def test_agreeing_again_on_the_page_leads_back_to_where_one_was(
     client.cookies.set(COOKIE, session.token)
     page = client.get("/s/short")
     sent_on(client.post("/s/short/consent", data={"version": version(page)}))
-    assert heading(client.get("/s/short")) == "Which one is better?"
+    assert heading(client.get("/s/short")) == "Which video is better?"
 
 
 def test_another_text_than_the_consent_asks_nobody_again(

@@ -12,6 +12,7 @@ from app.services.context import AppContext
 from app.services.sessions import replay
 from app.services.studies.repository import StudyInfo
 from app.storage.models.studies import Acquired, Trial
+from app.web.http.security import session_cookie
 from tests.conftest import SHORT_PLAN, StudyShelf
 
 from .client import Api, Session
@@ -20,7 +21,11 @@ ASKING_PLAN = SHORT_PLAN.replace(
     "    skip: {label: {en: I don't like either.}}",
     "    skip:\n      label: {en: I don't like either.}\n"
     "      reasons: {both_bad: {en: Both are bad}, cannot_tell: I cannot tell}",
-).replace("break_s: 120", "break_s: 0\norder: fixed\nquery: {watch_once: true}")
+).replace(
+    "break_s: 120",
+    "break_s: 0\norder: fixed\nquery: {watch_once: true,"
+    " question: {en: 'Which looks safer?'}, left: The <left>, right: The right}",
+)
 
 
 @pytest.fixture
@@ -40,10 +45,23 @@ def test_the_page_is_told_the_reasons_in_the_order_of_the_plan(asking: Session) 
     assert asking.state["query"]["watch_once"] is True
 
 
+def test_the_question_and_the_words_of_the_answers_are_the_studys(
+    asking: Session, client: Api
+) -> None:
+    words = {"question": "Which looks safer?", "left": "The <left>", "right": "The right"}
+    assert asking.state["study"]["words"] == words
+    client.cookies.set(session_cookie("short"), asking.token)
+    page = client.get("/s/short").text
+    assert ">Which looks safer?</h1>" in page
+    assert "The &lt;left&gt;" in page
+    assert "Which video is better?" not in page
+
+
 def test_what_a_study_does_not_ask_for_is_not_in_its_queries(
     client: Api, short_study: StudyInfo
 ) -> None:
     query = client.start().to_first_query().state["query"]
+    assert "words" not in client.start().state["study"]
     assert set(query) == {"id", "left", "right", "skip", "prefetch"}
     assert query["skip"] is None or set(query["skip"]) == {"label"}
 

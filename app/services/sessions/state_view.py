@@ -19,6 +19,7 @@ from app.services.studies.session_modes import LIVE
 from app.storage.models.studies import SessionRow
 from app.study import markdown as study_markdown
 from app.study.plan import Plan
+from app.study.query_settings import WORDS as QUERY_WORDS
 from app.study.stages import AFTER_TRIAL, AT_THE_END, FINAL_STAGES, Progress, Stage, position
 from app.study.time_left import seconds_left
 
@@ -113,7 +114,7 @@ def study_of(plan: Plan, slug: str, language: str) -> dict[str, Any]:
         Stage.QUESTIONNAIRE: bool(asks),
         Stage.BREAK: plan.break_s > 0,
     }
-    return {
+    state: dict[str, Any] = {
         "slug": slug,
         "title": plan.text(plan.title, language),
         "contact": plan.contact,
@@ -124,6 +125,9 @@ def study_of(plan: Plan, slug: str, language: str) -> dict[str, Any]:
             if stage not in FINAL_STAGES and optional.get(stage, True)
         ],
     }
+    given = {name: getattr(plan.query, name) for name in QUERY_WORDS}
+    words = {name: plan.text(text, language) for name, text in given.items() if text is not None}
+    return state | ({"words": words} if words else {})
 
 
 def read_progress(session: SessionRow) -> Progress:

@@ -22,6 +22,14 @@ class Progress(BaseModel):
     queries: int
 
 
+class QueryWords(BaseModel):
+    """The words of the study's own with which a pair is asked about and answered."""
+
+    question: str | None = None
+    left: str | None = None
+    right: str | None = None
+
+
 class StudyInState(BaseModel):
     """The study, as far as every page needs it."""
 
@@ -30,6 +38,7 @@ class StudyInState(BaseModel):
     contact: str | None
     break_s: int = Field(description="Seconds of rest between two trials.")
     stages: list[str] = Field(description="The stages that this study has, in their order.")
+    words: QueryWords | None = Field(None, description="Absent where they are the page's own.")
 
 
 class Video(BaseModel):

@@ -67,3 +67,17 @@ def test_watching_once_is_said_by_true_or_false(folder: Path, edit: Edit, faults
     (fault,) = faults(folder)
     assert fault.startswith("study.yaml:20: query.watch_once: expected true or false: whether both")
     assert fault.endswith("got 1")
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        ("{question: {ja: どちら}}", "query.question: expected a text in every language"),
+        ("{left: Links}", "query.left: expected words for both buttons, got left without right"),
+    ],
+)
+def test_words_of_the_query_page_that_cannot_be_shown_are_named(
+    folder: Path, edit: Edit, faults: Faults, words: str, expected: str
+) -> None:
+    edit(folder / "study.yaml", "queries_per_trial: 4", f"queries_per_trial: 4\nquery: {words}")
+    assert expected in "\n".join(faults(folder))

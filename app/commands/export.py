@@ -12,9 +12,10 @@ import typer
 from app.services import export as exports
 from app.services.accounts.audit_log import COMMAND_LINE
 from app.services.context import AppContext
-from app.services.export import FORMATS, TABLES, Request
+from app.services.export import FORMATS, TABLES, Request, person
 from app.services.monitoring.data_quality import Flag
 from app.services.runtime.errors import ServiceError
+from app.services.sessions import participants
 from app.services.studies import repository
 
 from .options import DataDir, Slug, app_context_of, out
@@ -103,6 +104,12 @@ def export(
         list[str] | None,
         typer.Option(help="Of csv, only these tables; identities only so."),
     ] = None,
+    participant: Annotated[
+        str | None,
+        typer.Option(
+            help="Everything of one person, found by pseudonym, receipt code or platform id."
+        ),
+    ] = None,
     overwrite: Overwrite = False,
     data_dir: DataDir = None,
 ) -> None:
@@ -114,6 +121,12 @@ def export(
     if table and format != "csv":
         raise ServiceError(f"expected --table with --format csv, got --format {format}")
     app = app_context_of(data_dir)
+    if participant is not None:
+        filters = (mode, condition, since, until, exclude_flagged, exclude_flag, completed, table)
+        if any(filters) or format != "csv":
+            raise ServiceError("expected --participant without other choices, got some")
+        _write_person(app, slug, participant, out_dir, overwrite)
+        return
     request = asked(
         app, slug, mode, condition, since, until, exclude_flagged, exclude_flag, completed
     )
@@ -129,6 +142,24 @@ def export(
             app, COMMAND_LINE, request, name, files, out_dir, overwrite=overwrite
         ):
             out.print(str(path))
+
+
+def _write_person(
+    app: AppContext, slug: str, participant: str, out_dir: Path, overwrite: bool
+) -> None:
+    study = repository.find(app, slug)
+    found = participants.find_by_any(app, slug, study.id, participant)
+    request = person.request_of(study, [one.pseudonym for one in found])
+    for path in exports.write_folder(
+        app,
+        COMMAND_LINE,
+        request,
+        exports.PERSON,
+        person.files(request),
+        out_dir,
+        overwrite=overwrite,
+    ):
+        out.print(str(path))
 
 
 def report(

@@ -294,6 +294,8 @@ RULES: Mapping[str, Rule] = {
     "POST /studies/{slug}/simulate": CHANGE_FORM,
     "GET /studies/{slug}/people/delete": CHANGE.with_(query={"participant": "P-1"}),
     "POST /studies/{slug}/people/delete": CHANGE_FORM.with_(form={"participant": "P-1"}),
+    "POST /studies/{slug}/people/find": CHANGE_FORM.with_(form={"who": "P-1"}),
+    "GET /studies/{slug}/people/data.zip": CHANGE.with_(query={"participant": "P-1"}),
     "POST /studies/{slug}/people/delete-by-receipt": CHANGE_FORM.with_(form={"receipt": "x"}),
     # What only its owner does.
     "POST /studies/{slug}/people/share": OWN_FORM.with_(form=BOB),

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import io
 import re
+import zipfile
 
 import httpx
 import pytest
@@ -14,7 +16,7 @@ from app.services.context import AppContext
 from app.services.studies import sharing
 from app.services.studies.repository import StudyInfo
 from app.storage.models.accounts import StudyAccess
-from app.storage.models.studies import Participant, Study
+from app.storage.models.studies import Identity, Participant, Study
 
 from .client import Api
 from .conftest import EMAIL, PASSWORD
@@ -138,6 +140,40 @@ def test_a_pseudonym_is_found_however_it_is_typed(owner: Api, app: AppContext) -
         assert "<b>" not in page.text
         assert send(owner, "delete", participant=unknown).status_code == 404
     assert pseudonyms(app) == [name]
+
+
+def test_everything_of_one_person_is_downloaded_and_they_are_found_by_what_they_know(
+    owner: Api, app: AppContext
+) -> None:
+    answer = owner.post("/api/v1/studies/short/sessions", json={}).json()
+    owner.start().to_first_query().respond("left")
+    mine, others = pseudonyms(app)
+    with app.database.write() as db:
+        of = db.scalar(select(Participant.id).where(Participant.pseudonym == mine))
+        db.add(
+            Identity(participant_id=of, key="PROLIFIC_PID", value="5f0aabc", created_at=app.now())
+        )
+    for called in (mine.lower(), f" {answer['receipt']} ", "5f0aabc"):
+        page = send(owner, "find", who=called).text
+        assert f"people/data.zip?participant={mine}" in page
+        assert others not in page
+    missing = send(owner, "find", who="<5f0>")
+    assert (missing.status_code, "is none in this study" in missing.text) == (404, True)
+    assert "<5f0>" not in missing.text
+
+    packed = owner.get(f"{PEOPLE}/data.zip", params={"participant": others})
+    assert packed.status_code == 200
+    archive = zipfile.ZipFile(io.BytesIO(packed.content))
+    tables = {name: archive.read(name).decode() for name in archive.namelist()}
+    assert len(tables["queries.csv"].splitlines()) == 3
+    assert "deletions.csv" not in tables
+    assert not any(mine in table for table in tables.values())
+    mine_too = owner.get(f"{PEOPLE}/data.zip", params={"participant": mine}).content
+    assert b"5f0aabc" in zipfile.ZipFile(io.BytesIO(mine_too)).read("identities.csv")
+    # The trail says that somebody's data were taken, and not whose: it outlives a deletion.
+    line = audit_log.trail(app, "short")[0]
+    assert line.action == "identities exported"
+    assert mine not in str(line.details)
 
 
 def test_nobody_of_another_study_is_deleted(

@@ -2,7 +2,7 @@
 
 from .filters import ALL_FLAGS, in_words, modes_of, resolve_flags
 from .formats import FORMATS, find
-from .provenance import ACTIONS, recorded, write_folder
+from .provenance import ACTIONS, PERSON, recorded, write_folder
 from .stream import File, csv_stream, table_file, zip_stream
 from .table import Column, Request, Table
 from .tables import TABLES, ZIPPED
@@ -11,6 +11,7 @@ __all__ = [
     "ACTIONS",
     "ALL_FLAGS",
     "FORMATS",
+    "PERSON",
     "TABLES",
     "ZIPPED",
     "Column",

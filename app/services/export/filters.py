@@ -54,6 +54,9 @@ def _flagged(db: Session, request: Request) -> tuple[int, ...]:
 def in_words(request: Request) -> str:
     """The filters in one line, for the audit trail and the pages."""
     said = [f"mode: {', '.join(request.modes)}"]
+    if request.participants:
+        # The trail outlives a deletion, so it holds no pseudonym.
+        said.append(f"one person, as {len(request.participants)} participant(s)")
     if request.conditions:
         said.append(f"conditions: {', '.join(request.conditions)}")
     if request.since is not None:

@@ -19,6 +19,8 @@ from .table import Request
 EXPORTED: Final = "data exported"
 IDENTITIES: Final = "identities exported"
 REPORTED: Final = "report made"
+#: The form of an export of one person's data, their platform ids among it.
+PERSON: Final = "person"
 ACTIONS: Final = (EXPORTED, IDENTITIES, REPORTED)
 
 _CHUNK = 1 << 16
@@ -46,7 +48,7 @@ def record_export(
     app: AppContext, actor: str, request: Request, form: str, files: Mapping[str, str], **more: Any
 ) -> None:
     """Record one export. files: SHA-256 by file name, 64 hex digits."""
-    action = {"report": REPORTED, "identities": IDENTITIES}.get(form, EXPORTED)
+    action = {"report": REPORTED, "identities": IDENTITIES, PERSON: IDENTITIES}.get(form, EXPORTED)
     slug = request.study.slug
     said = {"format": form, "filter": in_words(request), "files": dict(files), **more}
     audit_log.note_alone(app, actor, action, slug, **said)

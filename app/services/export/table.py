@@ -12,7 +12,7 @@ from sqlalchemy.orm import Session, aliased
 
 from app.services.monitoring.data_quality import Flag
 from app.services.studies.repository import StudyInfo
-from app.storage.models.studies import Candidate, Recording, SessionRow, Trial
+from app.storage.models.studies import Candidate, Participant, Recording, SessionRow, Trial
 from app.study.plan import Plan
 
 from .cells import Value
@@ -30,7 +30,8 @@ class Request:
     conditions: only trials under these, and sessions with such a trial; empty: all. since, until:
     first and last day, UTC, on which a session may have begun. without: exclude sessions with one
     of these flags. completed: only completed sessions. left_out: primary keys of the sessions that
-    `without` excludes, set by `filters.resolve_flags`.
+    `without` excludes, set by `filters.resolve_flags`. participants: only sessions of these
+    pseudonyms; empty: of all.
     """
 
     study: StudyInfo
@@ -41,6 +42,7 @@ class Request:
     without: tuple[Flag, ...] = ()
     completed: bool = False
     left_out: tuple[int, ...] = ()
+    participants: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -100,9 +102,13 @@ QUERY = integer("query_index", "Number of the query within the trial, from 0.")
 def parameters(plan: Plan, prefix: str, owner: str) -> tuple[Column, ...]:
     """A column for each parameter of the plan. owner: completes "Parameter p of ..."."""
     return tuple(
-        number(f"{prefix}{parameter.name}", f"Parameter {parameter.name} of {owner}.", unit)
+        Column(
+            f"{prefix}{parameter.name}",
+            "number",
+            parameter.unit or "",
+            f"Parameter {parameter.name} of {owner}.",
+        )
         for parameter in plan.parameters
-        for unit in [parameter.unit or ""]
     )
 
 
@@ -125,6 +131,9 @@ def sessions_of(request: Request) -> tuple[ColumnElement[bool], ...]:
         holds.append(SessionRow.started_at < _midnight(request.until) + timedelta(days=1))
     if request.completed:
         holds.append(SessionRow.stage == "completed")
+    if request.participants:
+        chosen = select(Participant.id).where(Participant.pseudonym.in_(request.participants))
+        holds.append(SessionRow.participant_id.in_(chosen))
     if request.left_out:
         holds.append(SessionRow.id.not_in(request.left_out))
     return tuple(holds)

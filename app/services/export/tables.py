@@ -79,5 +79,11 @@ ZIPPED = (
     DATA_DICTIONARY,
 )
 
+#: The tables of one person's data: all that say something of them, and what explains them.
+PERSONAL = (
+    *(table for table in ZIPPED if table not in (DELETIONS, ROLLOUTS, DATA_DICTIONARY)),
+    IDENTITIES,
+)
+
 #: All tables by name.
 TABLES: Mapping[str, Table] = {table.name: table for table in (*ZIPPED, IDENTITIES)}

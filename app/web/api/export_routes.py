@@ -15,7 +15,7 @@ from starlette.types import Receive, Scope, Send
 from app.services import export, reporting
 from app.services.accounts.accounts import Principal
 from app.services.context import AppContext
-from app.services.export import TABLES, Request
+from app.services.export import TABLES, Request, person
 from app.services.monitoring.data_quality import Flag
 from app.services.runtime.errors import NotFoundError
 from app.services.studies import access
@@ -189,6 +189,20 @@ def zip_response(
     return Download(
         export.recorded(app, caller.email, request, form, name, pieces),
         name,
+        "application/zip",
+    )
+
+
+def person_response(
+    app: AppContext, caller: Principal, study: StudyInfo, pseudonym: str
+) -> StreamingResponse:
+    """All that is stored of one participant, in one zip."""
+    request = person.request_of(study, [pseudonym])
+    pieces = export.zip_stream(app, person.files(request))
+    return Download(
+        # The name in the trail holds no pseudonym, since the trail outlives a deletion.
+        export.recorded(app, caller.email, request, export.PERSON, "person.zip", pieces),
+        f"{study.slug}-{pseudonym}.zip",
         "application/zip",
     )
 

@@ -11,8 +11,10 @@ from app.services.accounts.accounts import LONGEST_ADDRESS, Principal
 from app.services.context import AppContext
 from app.services.runtime.errors import ConflictError, NotFoundError
 from app.services.sessions import participants, withdrawal
+from app.services.sessions.participants import Person
 from app.services.studies import sharing
 from app.services.studies.repository import StudyInfo
+from app.web.api.export_routes import person_response
 from app.web.http.security import AppDep
 
 from .page_context import ChangeOf, DataOf, OwnerOf, OwnForm, SignedIn
@@ -74,6 +76,32 @@ def delete_by_receipt(
     return _back(study, "?deleted=yes")
 
 
+@router.post("/find", dependencies=[OwnForm])
+def find(
+    study: ChangeOf,
+    request: Request,
+    app: AppDep,
+    caller: SignedIn,
+    who: Annotated[str, Form(max_length=200)],
+) -> Response:
+    """The participants who are called so: by pseudonym, receipt code or platform id.
+
+    A form by POST, so that a platform's id stands in no address.
+    """
+    try:
+        found = participants.find_by_any(app, study.slug, study.id, who)
+    except NotFoundError as error:
+        return _page(request, app, caller, study, status=404, person_fault=str(error))
+    return _page(request, app, caller, study, found=found)
+
+
+@router.get("/data.zip")
+def data(study: ChangeOf, app: AppDep, caller: SignedIn, participant: str) -> Response:
+    """Everything that is stored of one participant."""
+    person = participants.find(app, study.id, participant)
+    return person_response(app, caller, study, person.pseudonym)
+
+
 @router.get("/delete")
 def ask_to_delete(
     study: ChangeOf, request: Request, app: AppDep, caller: SignedIn, participant: str
@@ -114,6 +142,7 @@ def _page(
     *,
     status: int = 200,
     was_deleted: bool = False,
+    found: list[Person] | None = None,
     **faults: str,
 ) -> Response:
     nothing: dict[str, Any] = dict.fromkeys(("share_fault", "receipt_fault", "person_fault"))
@@ -125,8 +154,9 @@ def _page(
         "people",
         status_code=status,
         ties=sharing.members(app, study.slug),
-        persons=participants.newest(app, study.id, SHOWN),
-        persons_in_all=participants.count(app, study.id),
+        persons=participants.newest(app, study.id, SHOWN) if found is None else found,
+        persons_in_all=participants.count(app, study.id) if found is None else len(found),
+        is_search=found is not None,
         was_deleted=was_deleted,
         **{**nothing, **faults},
     )

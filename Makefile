@@ -39,15 +39,14 @@ demo: $(VENV)/.app
 	@$(BIN)/pbpo demo --port $(PORT) --data-dir $(DATA_DIR)
 
 # What PostgreSQL may do otherwise than SQLite is tested on both: constraints, locks, order of rows,
-# transactions, migrations, workers. These files are about pages, files and settings, and are the
+# transactions, migrations, workers. The other files are about pages, files and settings, and are the
 # same on both; `make test-postgresql` runs them all.
-ALIKE := accounts addresses_of_videos answers_by_form body_limit browser_cookies commands data_out demo deployment \
-	device_check documents drafts ethics experimenter_pages export_formats familiarisation headers host_cookies \
-	hostile_forms hostile_uploads known_devices languages limits_at_proxies making my_account odd_names \
-	openapi own_study participant_pages plan_page previews privacy_inventory questionnaires recruit_page \
-	recruitment refusals role_matrix room serve_safely shared_computers signed_links slugs small_refusals \
-	unfilled_links uploads_in_order videos_by_proxy watching welcome whole_experiment
-ON_POSTGRESQL := tests/unit/storage tests/functional $(ALIKE:%=--ignore=tests/functional/test_%.py)
+DIFFERENT := answered_meanwhile any_order at_once backup changed_meanwhile checks crane_machine deleted_studies \
+	determinism entry_links exports flow_of_participants forgetting jobs killed leaving lifecycle many_events \
+	older_databases places privacy reading restores_that_fail retention rollout_requests rollout_supervision \
+	rows_in_any_order same_moment sent_twice serving session sessions_over_space several_machines \
+	store_and_workers task_queue trials_table undo waiting_writers work_polling workers working_ahead
+ON_POSTGRESQL := tests/unit/storage $(DIFFERENT:%=tests/functional/test_%.py)
 
 # Videos that were rendered for one test serve all others: they are named by their content.
 test: export PBPO_TEST_MEDIA_DIR ?= $(CURDIR)/build/test-media

@@ -92,6 +92,6 @@ def test_nothing_that_is_filled_in_is_a_fault_of_the_server(
             if target.method == "POST" and answer.status_code in (200, 303):
                 house.as_it_was()
 
-        fuzz.settings(2)(seeded(seed)(one) if fuzz.seconds else one)()
+        fuzz.settings(1)(seeded(seed)(one) if fuzz.seconds else one)()
 
     fuzz.rounds(PART, one_round)

@@ -360,12 +360,45 @@ def simulate(
         float | None,
         typer.Option(min=0, help="Steepness per unit of score. Default: by the scores' spread."),
     ] = None,
+    people: Annotated[
+        int | None,
+        typer.Option(
+            min=1,
+            max=10_000,
+            help="So many people with tastes of their own, a session each, in place of --sessions"
+            " and --evaluator.",
+        ),
+    ] = None,
+    own_share: Annotated[
+        float, typer.Option(min=0, max=1, help="The share of people's taste that is their own.")
+    ] = 0.3,
+    spammers: Annotated[
+        int, typer.Option(min=0, help="How many of the people press any button.")
+    ] = 0,
+    one_sided: Annotated[
+        int, typer.Option(min=0, help="How many of the people always press left.")
+    ] = 0,
+    at_chance: Annotated[
+        int, typer.Option(min=0, help="How many of the people choose by a coin.")
+    ] = 0,
     data_dir: DataDir = None,
 ) -> None:
     """Let simulated evaluators walk through a study; their data is marked as simulated."""
     from rich.progress import BarColumn, MofNCompleteColumn, Progress
 
+    from app.lab.session_people import SimulatedPeople
+    from app.lab.several_people import SeveralPeopleError, unreliable_kinds
+
     from .simulation import run
+
+    unreliable = unreliable_kinds(spammers, one_sided, at_chance)
+    if people is None and unreliable:
+        raise typer.BadParameter("--spammers, --one-sided and --at-chance: expected --people too")
+    try:
+        crowd = None if people is None else SimulatedPeople(people, own_share, unreliable)
+    except SeveralPeopleError as error:
+        raise typer.BadParameter(str(error)) from error
+    sessions = people or sessions
 
     progress = Progress("simulating", BarColumn(), MofNCompleteColumn(), console=out)
     task = progress.add_task("", total=sessions)
@@ -376,7 +409,8 @@ def simulate(
         progress.update(task, completed=now, total=total)
 
     try:
-        done = run(settings_of(data_dir), slug, sessions, evaluator.value, seed, eta, report=report)
+        settings, kind = settings_of(data_dir), evaluator.value
+        done = run(settings, slug, sessions, kind, seed, eta, report=report, people=crowd)
     finally:
         if progress.live.is_started:
             progress.stop()

@@ -17,6 +17,7 @@ from sqlalchemy import select
 
 from app.lab.evaluators import Certain, Evaluator, SkipsEqual, Uncertain
 from app.lab.session_bot import walk
+from app.lab.session_people import ScoredRecording, SimulatedPeople, session_person
 from app.services.accounts.accounts import Principal, Role
 from app.services.background.job_function import JobHandler, ProgressCallback
 from app.services.background.local import LocalBackground
@@ -96,9 +97,15 @@ class Simulated:
     skip_below: float
     equal_within: float
     eta: float | None
+    people: SimulatedPeople | None = None
 
     def in_words(self) -> str:
         """Sentences on how the evaluators decided."""
+        if self.people is not None:
+            return (
+                f"{self.people.own_share:.0%} of the variance of their taste was their own."
+                f" Not reliable were: {', '.join(self.people.unreliable) or 'none'}."
+            )
         said = (
             f"They skipped, where they could, when both scores lay below {self.skip_below:.4g};"
             f" under {SKIPS_MEAN_EQUAL}, when the two differed by less than"
@@ -163,17 +170,19 @@ def run(
     *,
     report: ProgressCallback = lambda _done, _total: None,
     first: int = 0,
+    people: SimulatedPeople | None = None,
 ) -> Simulated:
     """Walk `sessions` simulated evaluators through a study.
 
     eta: steepness of the uncertain evaluator, per unit of score; None: one that decides between
     this study's scores as the published one does between the crane's. report: told how many of
-    how many are done. first: how many have been done before.
+    how many are done. first: how many have been done before. people: if given, each evaluator is
+    one of these people, whatever `kind` says.
     """
     clock = SkippedClock(LONGEST_SESSION)
     app = open_app(settings, now=clock.now, background=NothingAhead(1))
     try:
-        walks = _run(app, clock, slug, range(first, sessions), kind, seed, eta, report)
+        walks = _run(app, clock, slug, range(first, sessions), kind, seed, eta, report, people)
         return asyncio.run(walks)
     finally:
         app.close()
@@ -188,8 +197,10 @@ async def _run(
     seed: int,
     eta: float | None,
     report: ProgressCallback,
+    people: SimulatedPeople | None,
 ) -> Simulated:
-    scores = _scores(app, slug)
+    recordings = _recordings(app, slug)
+    scores: Mapping[int, float] = {one.key: one.score for one in recordings}
     values = np.array(list(scores.values()))
     spread = float(values.std())
     skip_below, equal_within = float(values.mean()), EQUAL_WITHIN_SPREAD * spread
@@ -199,6 +210,7 @@ async def _run(
         settings["eta"] = eta
 
     def score_of(url: str) -> float:
+        # Of the evaluator whose session is walked.
         shown = app.addresses.opened(PurePosixPath(url).stem)
         assert shown is not None  # the session was just given it
         return scores[shown.recording_id]
@@ -215,6 +227,11 @@ async def _run(
                 Certain(skip_below) if kind == "certain" else Uncertain(rng, skip_below, eta)
             )
             evaluator = {"kind": kind, "seed": seed, "index": index, **settings}
+            if people is not None:
+                one = session_person(people, index, recordings, seed, eta * spread)
+                usual, scores = one.evaluator, one.scores
+                told = {"people": people.people, "eta": eta, "equal_within": equal_within}
+                evaluator = {"kind": "people", "seed": seed, "index": index, **told, **one.settings}
             state = await walk(
                 client,
                 slug,
@@ -227,7 +244,7 @@ async def _run(
             )
             completed += state["stage"] == "completed"
             report(index + 1, indices.stop)
-    return Simulated(completed, skip_below, equal_within, settings.get("eta"))
+    return Simulated(completed, skip_below, equal_within, settings.get("eta"), people)
 
 
 def _began(app: AppContext, evaluator: Mapping[str, Any], token: str) -> None:
@@ -251,18 +268,29 @@ def _by_method(
     return evaluator_of
 
 
-def _scores(app: AppContext, slug: str) -> dict[int, float]:
-    """Score of each recording of a study by its key. Raises ConflictError if one has none."""
+def _recordings(app: AppContext, slug: str) -> list[ScoredRecording]:
+    """The recordings of a study by key. Raises ConflictError if one has no score."""
     study = repository.find(app, slug)
     with app.database.read() as db:
         rows = db.execute(
-            select(Recording.id, Recording.score)
+            select(Recording.id, Recording.score, Candidate)
             .join(Candidate, Recording.candidate_id == Candidate.id)
             .where(Candidate.study_id == study.id)
+            .order_by(Recording.id)
         ).all()
-    scores = {recording_id: score for recording_id, score in rows if score is not None}
-    if len(scores) < len(rows):
+    scored = [
+        ScoredRecording(
+            key,
+            candidate.environment,
+            candidate.candidate_index,
+            tuple(float(value) for value in candidate.parameters.values()),
+            score,
+        )
+        for key, score, candidate in rows
+        if score is not None
+    ]
+    if len(scored) < len(rows):
         raise ConflictError(
             "expected a score for every recording, since simulated evaluators answer from them"
         )
-    return scores
+    return scored

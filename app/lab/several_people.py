@@ -94,6 +94,16 @@ def evaluator_of(
             return Uncertain(rng, below, 0.0)
 
 
+def unreliable_kinds(spammers: int, one_sided: int, at_chance: int) -> tuple[Kind, ...]:
+    """So many people of each kind that is not reliable."""
+    counts: tuple[tuple[Kind, int], ...] = (
+        ("spammer", spammers),
+        ("one-sided", one_sided),
+        ("at-chance", at_chance),
+    )
+    return tuple(kind for kind, count in counts for _ in range(count))
+
+
 def kinds_of(people: int, unreliable: Sequence[Kind]) -> tuple[Kind, ...]:
     """Everybody's kind: honest people first. Raises SeveralPeopleError without an honest one."""
     if len(unreliable) >= people:

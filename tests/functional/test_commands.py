@@ -193,6 +193,8 @@ MISTAKES: list[tuple[list[str], str]] = [
     (["export", "short"], "--out"),
     (["simulate", "short", "--sessions", "0"], "--sessions"),
     (["simulate", "short", "--evaluator", "moody"], "moody"),
+    (["simulate", "short", "--spammers", "1"], "--people"),
+    (["simulate", "short", "--people", "2", "--spammers", "2"], "more than the 2"),
     (["media", "render", "--environment", "env3"], "env3"),
     (["serve", "--port", "99999"], "--port"),
     (["account", "token", "nobody@lab.example"], "there is no account"),

@@ -12,6 +12,7 @@ import pandas as pd
 import pytest
 from sqlalchemy import select
 
+from app.lab.session_people import SimulatedPeople
 from app.services.accounts import audit_log
 from app.services.accounts.accounts import Role
 from app.services.background.interface import Background
@@ -19,7 +20,7 @@ from app.services.background.job_function import JobHandler
 from app.services.context import AppContext
 from app.services.studies import repository, simulation_results
 from app.services.studies.repository import StudyInfo
-from app.simulation import JOBS, completed_simulated, simulate_job
+from app.simulation import JOBS, completed_simulated, run, simulate_job
 from app.storage.models.studies import SessionRow
 
 from .client import Api
@@ -119,6 +120,29 @@ def test_kinds_of_evaluators_are_told_apart_and_exported(
     assert settings[0]["skip_below"] == pytest.approx(scores.mean())
     assert settings[4]["equal_within"] == pytest.approx(6 / 23.4 * scores.std())
     assert settings[4]["eta"] == pytest.approx(0.08 * 23.4 / scores.std())
+
+
+def test_people_with_tastes_of_their_own_walk_through_a_study(
+    desk: Desk, app: AppContext, kettles: StudyInfo
+) -> None:
+    people = SimulatedPeople(3, 0.5, ("one-sided",))
+    done = run(app.settings, "kettles", 3, "certain", 7, people=people)
+    assert "50% of the variance of their taste was their own" in done.in_words()
+    assert "Not reliable were: one-sided." in done.in_words()
+    [found] = simulation_results.designs(app, kettles)
+    assert found.evaluator == "people, 50% of their taste their own"
+    queries, sessions = (
+        pd.read_csv(
+            io.StringIO(desk.get(f"/api/v1/studies/kettles/export/{name}.csv?mode=simulated").text)
+        )
+        for name in ("queries", "sessions")
+    )
+    settings = [json.loads(said) for said in sessions["evaluator_settings"]]
+    assert [said["person"] for said in settings] == ["honest", "honest", "one-sided"]
+    assert len({said["noise"] for said in settings}) == 3
+    assert list(sessions["evaluator_seed"]) == [7, 7, 7]
+    last = queries[queries["session_id"] == sessions["session_id"].iloc[-1]]
+    assert set(last["response"]) == {"left"}
 
 
 def test_without_synthesis_a_skip_says_that_a_choice_is_hard(

@@ -213,6 +213,8 @@ def evaluator_label(evaluator: Mapping[str, Any] | None) -> str:
     """The kind of an evaluator with the settings that tell it from others of its kind."""
     if evaluator is None:
         return "not recorded"
+    if "own_share" in evaluator:
+        return f"{evaluator['kind']}, {evaluator['own_share']:.0%} of their taste their own"
     eta = evaluator.get("eta")
     return f"{evaluator['kind']}, eta {eta:.4g}" if eta is not None else str(evaluator["kind"])
 

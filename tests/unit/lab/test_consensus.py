@@ -1,5 +1,6 @@
 """Simulated people with tastes of their own, and what methods make of their answers."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ from app.lab.consensus_sets import CASES, PEOPLE, drawn_set, population, regret,
 from app.lab.consensus_tables import aims, regret_table
 from app.lab.people_bench import history
 from app.lab.random_effects import abilities
+from app.lab.session_people import ScoredRecording, SimulatedPeople, session_person
 from app.lab.several_people import (
     PersonTraits,
     SeveralPeopleError,
@@ -76,6 +78,23 @@ def test_somebody_has_to_be_honest_and_a_share_lies_between_0_and_1() -> None:
         kinds_of(2, ("spammer", "one-sided"))
     with pytest.raises(SeveralPeopleError, match=r"a share from 0 to 1, got 1\.5"):
         valued(np.zeros(3), np.zeros(3), 1.5)
+
+
+def test_a_persons_scores_share_the_studys_and_are_alike_for_runs_of_a_candidate() -> None:
+    recordings = [
+        ScoredRecording(10 * c + run, where, c, (float(c), c / 2.0), float(c + run))
+        for where in ("near", "far")
+        for c in range(4)
+        for run in range(2)
+    ]
+    recordings = [replace(one, key=key) for key, one in enumerate(recordings)]
+    alike = session_person(SimulatedPeople(2, 0.0), 0, recordings, 1, 1.9)
+    own = session_person(SimulatedPeople(2, 1.0), 0, recordings, 1, 1.9)
+
+    assert list(alike.scores.values()) == pytest.approx([one.score for one in recordings])
+    assert own.scores[0] == own.scores[1]
+    assert own.scores[0] != own.scores[8]
+    assert own.settings["own_share"] == 1.0
 
 
 def test_bradley_terry_finds_the_candidate_that_all_people_prefer() -> None:

@@ -1,13 +1,22 @@
 /**
- * What every page does: read its heading out on arrival, and send each form once.
+ * What every page does: read its heading out on arrival, or what is wrong in its form, and send each form once.
  */
 
 import "./second_click.js";
 import { focusHeading } from "./dom.js";
+import { forgetTyped } from "./typed_draft.js";
 
-// A page that says where to begin, or has an error to read out, keeps the focus where the browser puts it.
-if (!document.querySelector('[autofocus], [role="alert"]:not([hidden])')) {
+const summary = document.getElementById("fault-summary");
+if (summary) {
+  summary.focus();
+} else if (!document.querySelector('[autofocus], [role="alert"]:not([hidden])')) {
+  // A page that says where to begin, or has an error to read out, keeps the focus where the browser puts it.
   focusHeading();
+}
+
+const stage = /** @type {HTMLElement | null} */ (document.querySelector("[data-stage]"))?.dataset.stage;
+if (stage && stage !== "questionnaire") {
+  forgetTyped();
 }
 
 document.addEventListener("submit", (event) => {

@@ -100,6 +100,19 @@ def server(tmp_path: Path, media_dir: Path) -> Iterator[Server]:
     server.kill()
 
 
+def serving(place: Path, media_dir: Path, plan: str, **more: int) -> Server:
+    """A server that has started, with one open study of small videos; its data are in `place`."""
+    data_dir = place / "data"
+    app = open_app(Settings(data_dir=data_dir, media_dir=media_dir))
+    folder = repository.load_folder(str(write_small_study(place / "study", plan, **more)))
+    repository.create(app, folder)
+    repository.open_study(app, folder.plan.slug)
+    app.close()
+    server = ForkedServer(data_dir, media_dir)
+    server.start()
+    return server
+
+
 @pytest.fixture
 def serve(tmp_path: Path, media_dir: Path) -> Iterator[Callable[..., Server]]:
     """Starts a server with one open study of small videos under the plan that it is given.
@@ -109,14 +122,7 @@ def serve(tmp_path: Path, media_dir: Path) -> Iterator[Callable[..., Server]]:
     servers: list[Server] = []
 
     def start(plan: str, **more: int) -> Server:
-        data_dir = tmp_path / "data"
-        app = open_app(Settings(data_dir=data_dir, media_dir=media_dir))
-        folder = repository.load_folder(str(write_small_study(tmp_path / "study", plan, **more)))
-        repository.create(app, folder)
-        repository.open_study(app, folder.plan.slug)
-        app.close()
-        servers.append(ForkedServer(data_dir, media_dir))
-        servers[-1].start()
+        servers.append(serving(tmp_path, media_dir, plan, **more))
         return servers[-1]
 
     yield start

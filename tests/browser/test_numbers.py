@@ -52,7 +52,7 @@ def test_a_number_that_could_be_two_is_chosen_on_the_page(
     browser: Browser, serve: Callable[[str], Server], width: int, locale: str, question: str
 ) -> None:
     server = serve(PLAN)
-    with httpx.Client(base_url=f"{server.url}/api/v1") as client:
+    with httpx.Client(base_url=f"{server.url}/api/v1", timeout=60) as client:
         token = to_the_questions(client, locale[:2])
     context = browser.new_context(viewport={"width": width, "height": 800}, locale=locale)
     context.add_cookies([{"name": "pbpo_session_small", "value": token, "url": server.url}])

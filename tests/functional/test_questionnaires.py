@@ -112,9 +112,14 @@ def test_the_page_keeps_what_was_given_and_says_what_is_wrong(
     clock.forward(120)
     while session.look()["stage"] != "questionnaire" or "'age'" not in str(session.state):
         session.step("left", clock.forward)
+    asked = client.get("/s/short").text
+    assert "A number from 18 to 120" in asked
+    assert "<title>Some questions" in asked
     refused = client.post("/s/short/questionnaire", data={"age": "12", "remarks": "<b>hm</b>"})
     assert refused.status_code == 422
-    assert "Please give a number from 18 to 120." in refused.text
+    assert "<title>Error: Some questions" in refused.text
+    assert refused.text.count("Please give a number from 18 to 120.") == 2
+    assert 'href="#answer-age"' in refused.text
     assert 'value="12"' in refused.text
     assert "&lt;b&gt;hm&lt;/b&gt;" in refused.text
     assert client.post("/s/short/questionnaire", data={"age": "20"}).status_code == 303

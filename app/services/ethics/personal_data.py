@@ -141,6 +141,7 @@ BROWSER: Mapping[str, Topic] = {
     "localStorage outbox.js": Topic.BROWSER,
     "sessionStorage familiarisation.js": Topic.BROWSER,
     "sessionStorage eta.js": Topic.BROWSER,
+    "sessionStorage typed_draft.js": Topic.BROWSER,
     "cookie session_cookies.py": Topic.BROWSER,
     "cookie leaving_pages.py": Topic.BROWSER,
     "cookie known_devices.py": Topic.NOT_EVALUATORS,

@@ -49,8 +49,9 @@ SENTENCES: Mapping[Topic, str] = {
     ),
     Topic.BROWSER: translatable(
         "Your browser keeps cookies, by which the study finds your place again and knows which link"
-        " you came by, an answer that could not be sent yet, and, until you close the tab, your"
-        " pace and the speed at which you watch."
+        " you came by, an answer that could not be sent yet, what you have typed into a"
+        " questionnaire until it is sent, and, until you close the tab, your pace and the speed at"
+        " which you watch."
     ),
     Topic.OTHER_SITES: translatable("Nothing comes from or goes to other sites."),
     Topic.VIDEOS_ELSEWHERE: translatable(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from contextlib import suppress
 from datetime import datetime
 from typing import Annotated, Any, Literal
@@ -17,7 +18,7 @@ from app.services.sessions.responses import Answer
 from app.services.sessions.state_view import State
 from app.study.questionnaire import as_meant
 from app.web.http.concurrency import limited_write
-from app.web.http.security import AppDep, app_context_of
+from app.web.http.security import AppDep, app_context_of, session_cookie
 from app.web.http.translations import translatable
 
 from .error_pages import EvaluatorRoute
@@ -109,6 +110,8 @@ def stage_page(
     stage = state["stage"]
     shown = state.get(stage) or {}
     name = stage
+    if stage == "questionnaire":
+        context["kept_as"] = _kept_as(request, slug, state)
     if "waiting" in state:
         name = "waiting"
         context["waited_s"] = _waited_s(request, state["waiting"]["since"])
@@ -124,6 +127,13 @@ def stage_page(
         status=status,
         **context,
     )
+
+
+def _kept_as(request: Request, slug: str, state: State) -> str:
+    """Under what the browser keeps what is typed here: of this session and questionnaire alone."""
+    token = request.cookies.get(session_cookie(slug), "")
+    place = f"{token}/{state['questionnaire']['page']}/{state['progress']['trial']}"
+    return hashlib.sha256(place.encode()).hexdigest()[:16]
 
 
 def _waited_s(request: Request, since: str | None) -> int:

@@ -1,9 +1,10 @@
 """Settings of the comparisons: skips with their reasons, and the query page."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from types import MappingProxyType
 from typing import Annotated, Literal
 
+import numpy as np
 from pydantic import Field, StrictBool, StrictInt, StrictStr, StringConstraints
 
 from .parsed_plan import Inconsistency, Place, all_languages, as_mapping, languages_of
@@ -42,6 +43,19 @@ class Skip(Part):
         exclude_if=absent,
         description="both_bad or cannot_tell: what a skip without one of these reasons says",
     )
+
+
+def draw_reason_order(skips: Iterable[Skip | None], rng: np.random.Generator) -> tuple[str, ...]:
+    """The names of all reasons of these skips, each order being as likely as any other."""
+    names = list(dict.fromkeys(name for skip in skips if skip for name in skip.reasons or ()))
+    return tuple(names[index] for index in rng.permutation(len(names)))
+
+
+def reasons_in(order: Sequence[str] | None, skip: Skip) -> tuple[str, ...]:
+    """The names of the skip's reasons in this order; in the plan's, if there is none."""
+    names = tuple(skip.reasons or ())
+    places = {name: place for place, name in enumerate(order or ())}
+    return tuple(sorted(names, key=lambda name: places.get(name, len(places))))
 
 
 class QueryPage(Part):

@@ -13,6 +13,8 @@ import { Outbox } from "./outbox.js";
 import { Eta } from "./eta.js";
 import { SyncedPair } from "./synced_pair.js";
 import { Preloader } from "./preloader.js";
+import { pressedWith } from "./pressed_with.js";
+import { standing, watchStanding } from "./standing.js";
 import { SkipReasons } from "./skip_reasons.js";
 import { Fullscreen } from "./fullscreen.js";
 import { Undo } from "./undo.js";
@@ -111,6 +113,7 @@ const pair = new SyncedPair(within(stage, '.player[data-side="left"]'), within(s
   },
   onEvent: (event, side, value) => evidence.add(event, side, value ?? null),
 });
+attempt(() => watchStanding(pair.left.player, pair.right.player, (event, value) => evidence.add(event, null, value)));
 const buttons = new AnswerButtons(stage, (response, event) => respond(response, event));
 const undo = new Undo(byId("undo"), (queryId) => takeBack(queryId));
 new Fullscreen(byId("enlarge"), (enlarged) => evidence.add("fullscreen", null, enlarged ? 1 : 0));
@@ -138,6 +141,7 @@ function show() {
   buttons.reset(query.skip);
   undo.offer(query.undo);
   evidence.begin();
+  attempt(() => evidence.add("layout", null, standing(pair.left.player, pair.right.player)));
   preloader.settle([query.left.url, query.right.url]);
   pair.show(query.left.url, query.right.url);
   stand();
@@ -215,7 +219,7 @@ async function respond(response, event) {
  * @param {Event} event
  */
 async function take(response, event) {
-  evidence.add("pressed", null, event instanceof KeyboardEvent ? "key" : "button");
+  evidence.add("pressed", null, pressedWith(event));
   const offered = response === "skip" ? query.skip?.reasons : undefined;
   const mine = turn;
   const reason = offered ? await skipReasons.ask(offered) : undefined;

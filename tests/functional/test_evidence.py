@@ -22,6 +22,7 @@ COLUMNS = [
     ),
     *("dropped_frames", "stalls", "start_skew_ms", "worst_drift_ms", "left_width_px"),
     *("right_width_px", "hidden", "blurred", "fullscreen"),
+    *("pressed_with", "layout", "turns", "resizes"),
 ]
 
 
@@ -47,6 +48,12 @@ WATCHED = [
     happened("dropped_frames", "left", 3),
     happened("dropped_frames", "right", 4),
     happened("worst_drift", None, 21),
+    happened("layout", None, "side_by_side"),
+    happened("turned", None, "portrait"),
+    happened("resized", None, "390x844"),
+    happened("resized", None, "390x800"),
+    happened("layout", None, "stacked"),
+    happened("pressed", None, "pen"),
 ]
 
 
@@ -58,7 +65,8 @@ def test_a_row_sums_up_how_a_query_was_watched(
     evidence = client.table("evidence", api_token)
     assert evidence.columns.to_list() == COLUMNS
     (row,) = evidence.drop(columns=["session_id", "condition"]).to_numpy().tolist()
-    assert row == [0, 0, 1, 0.5, 1, 7, 2, 12, 21, 640, 639, True, False, True]
+    seen = [0, 0, 1, 0.5, 1, 7, 2, 12, 21, 640, 639, True, False, True]
+    assert row == [*seen, "pen", "stacked", 1, 2]
 
 
 def test_there_is_a_row_for_each_answered_query_and_no_guess_where_nothing_was_told(

@@ -34,13 +34,12 @@ def asking(app: AppContext, study_shelf: StudyShelf, client: Api) -> Session:
     return client.start().to_first_query()
 
 
-def test_the_page_is_told_the_reasons_in_the_order_of_the_plan(asking: Session) -> None:
-    assert asking.state["query"]["skip"] == {
-        "label": "I don't like either.",
-        "reasons": [
-            {"name": "both_bad", "label": "Both are bad"},
-            {"name": "cannot_tell", "label": "I cannot tell"},
-        ],
+def test_the_page_is_told_the_reasons(asking: Session) -> None:
+    skip = asking.state["query"]["skip"]
+    assert skip["label"] == "I don't like either."
+    assert {reason["name"]: reason["label"] for reason in skip["reasons"]} == {
+        "both_bad": "Both are bad",
+        "cannot_tell": "I cannot tell",
     }
     assert asking.state["query"]["watch_once"] is True
 
@@ -55,6 +54,22 @@ def test_the_question_and_the_words_of_the_answers_are_the_studys(
     assert ">Which looks safer?</h1>" in page
     assert "The &lt;left&gt;" in page
     assert "Which video is better?" not in page
+
+
+def test_the_order_of_the_reasons_is_drawn_for_each_session_kept_and_exported(
+    asking: Session, client: Api, api_token: str
+) -> None:
+    def listed(session: Session) -> str:
+        return "; ".join(one["name"] for one in session.state["query"]["skip"]["reasons"])
+
+    sessions = [asking, *(client.start().to_first_query() for _ in range(11))]
+    orders = [listed(session) for session in sessions]
+    assert set(orders) == {"both_bad; cannot_tell", "cannot_tell; both_bad"}
+    for session, order in zip(sessions[:3], orders, strict=False):
+        session.respond("skip")
+        session.look()
+        assert listed(session) == order
+    assert client.table("sessions", api_token)["skip_reason_order"].to_list() == orders
 
 
 def test_what_a_study_does_not_ask_for_is_not_in_its_queries(

@@ -42,6 +42,7 @@ from app.study import recruitment as rules
 from app.study.folder import WELCOME
 from app.study.identifiers import Given
 from app.study.plan import Plan
+from app.study.query_settings import draw_reason_order
 from app.study.stages import Progress
 
 from . import (
@@ -52,6 +53,9 @@ from . import (
     re_entry,
     session_start_limit,
 )
+
+#: Which draw of the session's seed orders the reasons of a skip.
+_REASON_DRAW = 109
 
 
 @dataclass(frozen=True)
@@ -226,6 +230,7 @@ def start(
             seed=seed,
             order_index=order_index,
             trial_conditions=list(conditions),
+            skip_reason_order=_draw_reason_order(study.plan, seed),
             started_at=now,
             last_seen_at=now,
             expires_at=now + timedelta(days=study.plan.session_expires_after_days),
@@ -321,6 +326,13 @@ def _require_start_allowed(
 
 def _language(plan: Plan, wanted: str | None) -> str:
     return wanted if wanted in plan.languages else plan.default_language
+
+
+def _draw_reason_order(plan: Plan, seed: int) -> list[str] | None:
+    """In which order a session's pages list the reasons of a skip; None without reasons."""
+    rng = np.random.default_rng([seed, _REASON_DRAW])
+    skips = (condition.skip for condition in plan.conditions)
+    return list(draw_reason_order(skips, rng)) or None
 
 
 def _assign(

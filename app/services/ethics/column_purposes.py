@@ -63,6 +63,7 @@ STORED: Mapping[str, StoredTable] = {
             "seed": "Makes everything random in the session repeatable.",
             "order_index": "Which order of conditions was given: counterbalancing.",
             "trial_conditions": "What was compared in which order.",
+            "skip_reason_order": "In which drawn order the reasons of a skip were listed.",
             "stage": "Where the session stands, so that it can go on there.",
             "trial_index": "Where the session stands, so that it can go on there.",
             "query_index": "Where the session stands, so that it can go on there.",

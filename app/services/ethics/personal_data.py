@@ -44,7 +44,7 @@ EVALUATORS: Mapping[str, Mapping[Topic, str]] = {
     "sessions": {
         Topic.COURSE: (
             "id study_id plan_id participant_id mode language seed order_index "
-            "trial_conditions stage trial_index query_index break_ends_at "
+            "trial_conditions skip_reason_order stage trial_index query_index break_ends_at "
             "consent_version consented_at watched evaluator started_at last_seen_at ended_at "
             "expires_at"
         ),

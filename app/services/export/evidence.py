@@ -26,6 +26,7 @@ from .table import (
     integer,
     number,
     of_trials,
+    text,
 )
 
 #: A session's key in the database, a trial's index, a query's index.
@@ -49,6 +50,10 @@ def _columns(_plan: Plan) -> tuple[Column, ...]:
         boolean("hidden", "Whether the page was hidden at some time, as by another tab."),
         boolean("blurred", "Whether the window lost the focus at some time."),
         boolean("fullscreen", "Whether the pair was enlarged at some time."),
+        text("pressed_with", "What it was answered with: mouse, touch, pen or keyboard."),
+        text("layout", "How the videos stood when it was answered: side_by_side or stacked."),
+        integer("turns", "How often the device was turned."),
+        integer("resizes", "How often the page got another size, by turning or a window's edge."),
     )
 
 

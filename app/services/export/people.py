@@ -60,6 +60,11 @@ def _sessions_columns(_plan: Plan) -> tuple[Column, ...]:
         text(
             "conditions", "Names of the conditions in the order of the trials, with '; ' between."
         ),
+        text(
+            "skip_reason_order",
+            "Reasons of a skip in the order in which the pages list them, drawn for the session,"
+            " with '; ' between; empty without reasons, and where they stood as in the plan.",
+        ),
         text("stage", "Where the session stands."),
         integer("trials_finished", "Trials that have all their responses."),
         integer("videos_watched", "Familiarisation videos that were watched to the end."),
@@ -105,6 +110,7 @@ def _sessions_rows(db: Session, request: Request) -> Iterator[Row]:
             row.order_index,
             # Names may contain spaces, but no semicolons.
             "; ".join(conditions[index] for index in row.trial_conditions),
+            "; ".join(row.skip_reason_order or ()) or None,
             row.stage,
             trials_finished or 0,
             len(row.watched),

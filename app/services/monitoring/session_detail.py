@@ -97,6 +97,10 @@ _SEEN = (
     "hidden",
     "blurred",
     "fullscreen",
+    "pressed_with",
+    "layout",
+    "turns",
+    "resizes",
 )
 
 

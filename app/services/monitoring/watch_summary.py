@@ -10,6 +10,10 @@ from app.storage.models.studies import Event
 #: One value of the summary.
 Value = str | float | int | bool | None
 
+#: What a response was pressed with, and how the two videos stood.
+DEVICES = frozenset({"mouse", "touch", "pen", "keyboard"})
+LAYOUTS = frozenset({"side_by_side", "stacked"})
+
 #: Events that the server adds when a query is set aside or a response undone: events before them do
 #: not belong to the final answer.
 CLOSINGS = frozenset({"set_aside", "undone"})
@@ -20,7 +24,7 @@ def summary(events: Sequence[Event]) -> tuple[Value, ...]:
     closed = [place for place, event in enumerate(events) if event.event in CLOSINGS]
     events = events[closed[-1] + 1 :] if closed else events
     if not events:
-        return (None,) * 12
+        return (None,) * 16
 
     def of(name: str, side: str | None = None) -> list[Event]:
         return [event for event in events if event.event == name and side in (None, event.side)]
@@ -38,7 +42,17 @@ def summary(events: Sequence[Event]) -> tuple[Value, ...]:
         bool(of("hidden")),
         bool(of("blur")),
         any(_number(event.value) == 1 for event in of("fullscreen")),
+        _one_of(DEVICES, of("pressed")),
+        _one_of(LAYOUTS, of("layout")),
+        len(of("turned")),
+        len(of("resized")),
     )
+
+
+def _one_of(known: frozenset[str], events: Sequence[Event]) -> str | None:
+    """The last value, if it is a known one: a client may send anything."""
+    value = events[-1].value if events else None
+    return value if value in known else None
 
 
 def _number(value: str | None) -> float | None:

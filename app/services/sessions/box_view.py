@@ -44,7 +44,7 @@ def describe(
         "id": query.public_id,
         "left": left,
         "right": right,
-        "skip": query_view.skip_of(plan, condition, session.language),
+        "skip": query_view.skip_of(plan, condition, session.language, session.skip_reason_order),
         "prefetch": _prefetch(app, db, session, then, box_ahead.recorded_clips(db, trial, coming)),
     }
     return {"query": state | query_view.options(app, db, session, query)}

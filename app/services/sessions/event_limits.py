@@ -37,6 +37,7 @@ LEFT_OUT: Final = "left_out"
 NAMES: Final = frozenset(
     (
         *("shown", "visible", "hidden", "blur", "focus", "fullscreen", "pressed", "replay"),
+        *("layout", "resized", "turned"),
         *("playing", "ended", "retry", "recovered", "stall", "halted", "error", "start_skew"),
         *("watched", "width", "dropped_frames", "worst_drift", "replays", "sent_by_form"),
         *("play", "pause", "stalled", "waiting", "seeking", "seeked", "ratechange", "canplay"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 from sqlalchemy.orm import Session
@@ -16,6 +17,7 @@ from app.services.studies.repository import stored_plan
 from app.storage.models.studies import SessionRow
 from app.study.attention_checks import Kind
 from app.study.plan import Condition, Plan
+from app.study.query_settings import reasons_in
 from app.study.stage_settings import PRACTICE_INDEX
 from app.study.stages import Stage
 
@@ -50,7 +52,7 @@ def describe(
         "right": video(
             app, session, candidate_set.recording(query.right, query.right_recording), place
         ),
-        "skip": skip_of(plan, condition, session.language),
+        "skip": skip_of(plan, condition, session.language, session.skip_reason_order),
         "prefetch": list(dict.fromkeys(address(app, session, clip, then) for clip in clips)),
     }
     if practising:
@@ -89,16 +91,21 @@ def address(app: AppContext, session: SessionRow, clip: RecordingRef, place: Pla
     return video_url(app.addresses.of(session, clip.id, place))
 
 
-def skip_of(plan: Plan, condition: Condition, language: str) -> dict[str, Any] | None:
-    """The skip button of a condition in one language; None if the condition offers no skip."""
+def skip_of(
+    plan: Plan, condition: Condition, language: str, order: Sequence[str] | None = None
+) -> dict[str, Any] | None:
+    """The skip button of a condition in one language; None if the condition offers no skip.
+
+    order: names of reasons, in the order of the session's pages; None: as in the plan.
+    """
     skip = condition.skip
     if skip is None:
         return None
     state: dict[str, Any] = {"label": plan.text(skip.label, language)}
     if skip.reasons:
         state["reasons"] = [
-            {"name": name, "label": plan.text(label, language)}
-            for name, label in skip.reasons.items()
+            {"name": name, "label": plan.text(skip.reasons[name], language)}
+            for name in reasons_in(order, skip)
         ]
     return state
 

@@ -208,6 +208,8 @@ class SessionRow(Base):
     seed: Mapped[int] = mapped_column(BigInteger)
     order_index: Mapped[int]
     trial_conditions: Mapped[list[int]]
+    # Names of the reasons of a skip in the order of the pages; None: as in the plan.
+    skip_reason_order: Mapped[list[str] | None] = mapped_column(JSON(none_as_null=True))
     stage: Mapped[str] = mapped_column(String(16))
     trial_index: Mapped[int]
     query_index: Mapped[int]

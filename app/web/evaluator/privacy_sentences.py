@@ -16,7 +16,9 @@ SENTENCES: Mapping[Topic, str] = {
     ),
     Topic.PLAYBACK: translatable(
         "How the two videos were shown to you: whether they played smoothly and to their ends, how"
-        " large they were, how often you played them again, and whether the page was in front."
+        " large they were and how they stood, whether you turned the device or changed the window,"
+        " how often you played them again, whether the page was in front, and whether you answered"
+        " by mouse, touch, pen or keyboard."
     ),
     Topic.DEVICE: translatable(
         "From the device check: how wide the page is, and how fast the connection."

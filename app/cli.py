@@ -139,6 +139,8 @@ def demo(port: Port = 8000, host: Host = "127.0.0.1", data_dir: DataDir = None) 
         out.print(
             f"\nPBPO Studio is running.\n\n"
             f"  Take part:   {access.participant_url}\n"
+            f"  Videos that are recorded while you choose:\n"
+            f"               {address}/s/{demo_service.LIVE_STUDY}\n"
             f"  Experiment:  {access.experimenter_url}\n"
             f"  Sign in as:  {access.email}\n"
             f"  Password:    {access.password}\n\n"

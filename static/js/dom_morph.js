@@ -12,7 +12,8 @@ export function morph(now, next) {
     return;
   }
   for (const { name } of [...now.attributes]) {
-    if (!next.hasAttribute(name)) {
+    // What a reader has opened stays open.
+    if (!next.hasAttribute(name) && !(now instanceof HTMLDetailsElement && name === "open")) {
       now.removeAttribute(name);
     }
   }

@@ -1,5 +1,5 @@
 /**
- * The experimenter's pages: a link to copy, and times in the reader's own form.
+ * The experimenter's pages: a text to copy, and times in the reader's own form and zone.
  */
 
 import { announce, byId } from "./dom.js";
@@ -15,12 +15,12 @@ for (const button of document.querySelectorAll("button[data-copy]")) {
     try {
       await navigator.clipboard.writeText(source.textContent?.trim() ?? "");
       button.textContent = "Copied";
-      announce("The link is copied.");
+      announce("Copied.");
     } catch {
       // Without leave to use the clipboard: mark the text, so that it can be copied by hand.
       getSelection()?.selectAllChildren(source);
       button.textContent = "Press Ctrl+C to copy";
-      announce("The link is selected. Press Control C to copy it.");
+      announce("The text is selected. Press Control C to copy it.");
     }
     setTimeout(() => {
       button.textContent = label;
@@ -29,3 +29,16 @@ for (const button of document.querySelectorAll("button[data-copy]")) {
 }
 
 showLocalTimes(document);
+
+// A time that is typed in the reader's zone and sent in UTC.
+for (const input of document.querySelectorAll("input[data-utc]")) {
+  if (input instanceof HTMLInputElement) {
+    const zone = input.closest("label")?.querySelector("[data-zone]");
+    if (zone) {
+      zone.textContent = "your time";
+    }
+    input.form?.addEventListener("formdata", (event) => {
+      event.formData.set(input.name, new Date(input.value).toISOString());
+    });
+  }
+}

@@ -1,6 +1,6 @@
 /**
  * A study's page, live: the server says that something has changed, and the page fetches the part that changes.
- * Where the stream cannot be had the page asks every few seconds; where nothing can, it offers to reload.
+ * Where the stream cannot be had, or the page names none, it asks every few seconds; where nothing can, it offers to reload.
  */
 
 import { announce, byId, within } from "./dom.js";
@@ -27,6 +27,7 @@ function watch(line) {
   let fetching = false;
   let again = false;
   let announcedAt = Date.now();
+  let announced = figures();
   /** @type {ReturnType<typeof setInterval> | undefined} */
   let asking;
 
@@ -79,16 +80,24 @@ function watch(line) {
     morph(byId("watching"), fresh);
     if (Date.now() - announcedAt >= BETWEEN_ANNOUNCEMENTS) {
       announcedAt = Date.now();
-      const numbers = [...document.querySelectorAll('[data-testid="counts"] > div')].slice(0, 2);
-      announce(numbers.map((pair) => `${pair.querySelector("dt")?.textContent}: ${pair.querySelector("dd")?.textContent}`).join(", "));
+      if (figures() !== announced) {
+        announced = figures();
+        announce(announced);
+      }
     }
+  }
+
+  /** The first two figures of the page, in words. */
+  function figures() {
+    const numbers = [...document.querySelectorAll('[data-testid="counts"] > div')].slice(0, 2);
+    return numbers.map((pair) => `${pair.querySelector("dt")?.textContent}: ${pair.querySelector("dd")?.textContent}`).join(", ");
   }
 
   /** @type {EventSource | undefined} */
   let stream;
 
   function open() {
-    if (typeof EventSource !== "function") {
+    if (typeof EventSource !== "function" || !line.dataset.events) {
       asking ??= setInterval(refresh, BETWEEN_ASKING);
       say("What has changed is fetched every 10 seconds.");
       return;

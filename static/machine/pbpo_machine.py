@@ -299,8 +299,13 @@ def _run(client, rollout, record, video):
 
 
 def _keep_alive(client, rollout):
-    """Send heartbeats until the rollout is over; note when it is lost."""
-    while not rollout._over.wait(rollout.heartbeat_s):
+    """Send heartbeats until the rollout is over; note when it is lost.
+
+    The first one is sent after a second: from then on the server soon misses a machine that died.
+    """
+    pause = min(1.0, rollout.heartbeat_s)
+    while not rollout._over.wait(pause):
+        pause = rollout.heartbeat_s
         try:
             client.heartbeat(rollout)
         except Lost as error:

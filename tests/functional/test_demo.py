@@ -57,6 +57,9 @@ def test_a_second_start_reuses_what_the_first_one_set_up(tmp_path: Path, media_d
         assert access["experimenter_url"] == f"{first.url}/studies"
         for told in ("participant_url", "experimenter_url", "email", "password"):
             assert access[told] in first.output
+        live = f"{first.url}/s/waste-crane-live"
+        assert live in first.output
+        assert "Before you take part" in httpx.get(live).text
         signs_in(access, first.url)
         assert first.interrupt() == INTERRUPTED
         assert "Traceback" not in first.output

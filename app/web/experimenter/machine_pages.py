@@ -285,13 +285,13 @@ def _desk(
     )
 
 
-def _named_values(study: StudyInfo, parameters: Any) -> list[tuple[str, str, str]]:
+def _named_values(study: StudyInfo, parameters: Any, digits: int = 6) -> list[tuple[str, str, str]]:
     """Label, value and unit of each parameter, in the plan's order."""
     plan = study.plan
     return [
         (
             plan.text(one.label or one.name, plan.default_language),
-            f"{parameters[one.name]:.6g}",
+            f"{parameters[one.name]:.{digits}g}",
             one.unit or "",
         )
         for one in plan.parameters
@@ -302,7 +302,7 @@ def _named_values(study: StudyInfo, parameters: Any) -> list[tuple[str, str, str
 def _values(study: StudyInfo, parameters: Any) -> str:
     return ", ".join(
         f"{label} {value}{f' {unit}' if unit else ''}"
-        for label, value, unit in _named_values(study, parameters)
+        for label, value, unit in _named_values(study, parameters, digits=4)
     )
 
 

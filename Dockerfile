@@ -11,10 +11,11 @@ COPY app ./app
 RUN /opt/venv/bin/python -m pip install --constraint constraints.txt --editable '.[postgresql,s3]'
 
 FROM python:3.11-slim-bookworm
-# pg_dump and pg_restore, for `pbpo backup`: of the version of the postgres service or newer.
+# pg_dump and pg_restore, for `pbpo backup`: of the version of the postgres service or newer. Fonts, for
+# reports as PDF: most scripts, and Chinese, Japanese and Korean.
 # hadolint ignore=DL3008
 RUN apt-get update \
-    && apt-get install --yes --no-install-recommends postgresql-client-15 \
+    && apt-get install --yes --no-install-recommends postgresql-client-15 fonts-noto-core fonts-noto-cjk \
     && rm -rf /var/lib/apt/lists/* \
     && groupadd --system --gid 10001 pbpo \
     && useradd --system --uid 10001 --gid 10001 --home-dir /nonexistent --no-create-home --shell /usr/sbin/nologin pbpo \

@@ -58,6 +58,7 @@ from app.web.experimenter import (
 from app.web.http import (
     body_limit,
     failure_middleware,
+    head_requests,
     health_routes,
     host_cookies,
     problems,
@@ -125,6 +126,7 @@ def create_app(
     fastapi_app.state.machine_calls = machine_calls.CallLimit()
     problems.install(fastapi_app)
     deleted_study_pages.install(fastapi_app)
+    fastapi_app.add_middleware(head_requests.HeadRequests)
     fastapi_app.add_middleware(body_limit.BodyLimit)
     fastapi_app.add_middleware(request_guard.Guard)
     fastapi_app.add_middleware(host_cookies.HostCookies)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from datetime import date, datetime
 from enum import StrEnum
 from pathlib import Path
@@ -14,7 +15,7 @@ from app.services.accounts.audit_log import COMMAND_LINE
 from app.services.context import AppContext
 from app.services.export import FORMATS, TABLES, Request, person
 from app.services.monitoring.data_quality import Flag
-from app.services.runtime.errors import ServiceError
+from app.services.runtime.errors import PdfError, ServiceError
 from app.services.sessions import participants
 from app.services.studies import repository
 
@@ -104,6 +105,9 @@ def export(
         list[str] | None,
         typer.Option(help="Of csv, only these tables; identities only so."),
     ] = None,
+    excel: Annotated[
+        bool, typer.Option("--excel", help="Begin tables with a byte order mark, for Excel.")
+    ] = False,
     participant: Annotated[
         str | None,
         typer.Option(
@@ -125,11 +129,12 @@ def export(
         filters = (mode, condition, since, until, exclude_flagged, exclude_flag, completed, table)
         if any(filters) or format != "csv":
             raise ServiceError("expected --participant without other choices, got some")
-        _write_person(app, slug, participant, out_dir, overwrite)
+        _write_person(app, slug, participant, out_dir, overwrite, excel)
         return
     request = asked(
         app, slug, mode, condition, since, until, exclude_flagged, exclude_flag, completed
     )
+    request = replace(request, excel=excel)
     named = [name for name in dict.fromkeys(table or ()) if name != "identities"]
     parts = {format: form.files(request)} if not table else {}
     if named:
@@ -145,11 +150,12 @@ def export(
 
 
 def _write_person(
-    app: AppContext, slug: str, participant: str, out_dir: Path, overwrite: bool
+    app: AppContext, slug: str, participant: str, out_dir: Path, overwrite: bool, excel: bool
 ) -> None:
     study = repository.find(app, slug)
     found = participants.find_by_any(app, slug, study.id, participant)
-    request = person.request_of(study, [one.pseudonym for one in found])
+    pseudonyms = [one.pseudonym for one in found]
+    request = replace(person.request_of(study, pseudonyms), excel=excel)
     for path in exports.write_folder(
         app,
         COMMAND_LINE,
@@ -183,14 +189,19 @@ def report(
         app, slug, mode, condition, since, until, exclude_flagged, exclude_flag, completed
     )
     described = reporting.describe(app, request)
-    files = [
-        exports.File("report.html", lambda _session: [reporting.html(described)]),
-        exports.File("report.pdf", lambda _session: [reporting.pdf(described)]),
-    ]
+    files = [exports.File("report.html", lambda _session: [reporting.html(described)])]
+    fault: PdfError | None = None
+    try:
+        made = reporting.pdf(described)
+        files.append(exports.File("report.pdf", lambda _session: [made]))
+    except PdfError as error:
+        fault = error
     for path in exports.write_folder(
         app, COMMAND_LINE, request, "report", files, out_dir, overwrite=overwrite
     ):
         out.print(str(path))
+    if fault is not None:
+        raise fault
 
 
 def _day(moment: datetime | None) -> date | None:

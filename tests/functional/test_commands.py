@@ -286,7 +286,10 @@ def test_simulated_sessions_are_walked_exported_and_replayed(stocked: Run, tmp_p
     assert stocked("export", "short", "--out", out).status == 0
     assert pd.read_csv(out / "queries.csv").empty
     stocked("export", "short", "--out", out, "--mode", "simulated", "--mode", "live")
-    assert {path.name for path in out.iterdir()} == {f"{table.name}.csv" for table in ZIPPED}
+    assert {path.name for path in out.iterdir()} == {
+        *(f"{table.name}.csv" for table in ZIPPED),
+        "README.md",
+    }
     queries = pd.read_csv(out / "queries.csv")
     assert len(queries) == 2 * 3 * 5
     assert set(queries["mode"]) == {"simulated"}

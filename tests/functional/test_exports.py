@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import io
 import zipfile
 from dataclasses import dataclass, field
@@ -10,7 +11,7 @@ from typing import Any
 import pandas as pd
 import pytest
 
-from app.services.accounts import accounts
+from app.services.accounts import accounts, audit_log
 from app.services.context import AppContext
 from app.services.studies.repository import StudyInfo
 from tests.conftest import FROM_PROLIFIC, Clock, StudyShelf
@@ -59,6 +60,7 @@ IN_THE_ZIP = [
     *("deletions", "events", "evidence", "checks", "undone", "faults", "recordings"),
     *("rollouts", "data_dictionary"),
 ]
+EXPORT = "/api/v1/studies/short/export.zip"
 PLATFORM_ID = "5f0c1ada-prolific"
 
 
@@ -269,10 +271,44 @@ def test_the_types_that_the_dictionary_names_are_those_of_the_cells(walked: Walk
 def test_the_zip_holds_the_same_bytes_as_the_tables_and_no_identities(walked: Walked) -> None:
     archive = zipfile.ZipFile(io.BytesIO(walked.get("export.zip")))
     assert archive.testzip() is None
-    assert archive.namelist() == [f"{name}.csv" for name in IN_THE_ZIP]
+    assert archive.namelist() == [*(f"{name}.csv" for name in IN_THE_ZIP), "README.md"]
     for name in IN_THE_ZIP:
         assert archive.read(f"{name}.csv") == walked.get(f"export/{name}.csv"), name
     assert walked.get("export.zip") == walked.get("export.zip")
+
+
+def test_tables_for_excel_begin_with_its_mark_and_the_readme_says_how_to_read_them(
+    walked: Walked,
+) -> None:
+    plain = walked.get("export/queries.csv")
+    assert walked.get("export/queries.csv?excel=true") == codecs.BOM_UTF8 + plain
+    readme = zipfile.ZipFile(io.BytesIO(walked.get("export.zip"))).read("README.md").decode()
+    assert "keep_default_na=False" in readme
+    assert "read.csv(" in readme
+
+
+def test_a_filter_that_there_is_not_is_refused_by_name(walked: Walked, client: Api) -> None:
+    headers = {"Authorization": f"Bearer {walked.api_token}"}
+    for path in ("export/queries.csv", "export.zip", "report.html"):
+        answer = client.get(f"/api/v1/studies/short/{path}?participant=P-1", headers=headers)
+        assert answer.status_code == 422, path
+        assert "participant: expected one of" in answer.text
+    answer = client.get("/api/v1/studies/short/export.zip?conditions=pbpo", headers=headers)
+    assert "did you mean condition?" in answer.text
+
+
+def test_head_is_answered_as_get_without_a_body_and_changes_nothing(
+    walked: Walked, client: Api, app: AppContext
+) -> None:
+    before = len(audit_log.trail(app, "short"))
+    headers = {"Authorization": f"Bearer {walked.api_token}"}
+    for path in ("/sign-in", "/s/short?PROLIFIC_PID=someone", EXPORT):
+        answer = client.request("HEAD", path, headers=headers)
+        assert (answer.status_code, answer.content) == (200, b""), path
+        assert "set-cookie" not in answer.headers, path
+    assert client.request("HEAD", EXPORT).status_code == 401
+    assert client.request("HEAD", "/nowhere").status_code == 404
+    assert len(audit_log.trail(app, "short")) == before
 
 
 def test_a_platforms_id_is_in_the_identities_and_nowhere_else(walked: Walked) -> None:

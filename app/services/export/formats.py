@@ -9,8 +9,8 @@ from typing import Final
 
 from app.services.runtime.errors import ConflictError
 
-from . import botorch, optuna_storage, psych_ds
-from .stream import File, table_file
+from . import botorch, optuna_storage, psych_ds, read_me
+from .stream import File, table_file, text_file
 from .table import Request
 from .tables import ZIPPED
 
@@ -32,6 +32,7 @@ class Format:
 def _tables(request: Request) -> Iterator[File]:
     for table in ZIPPED:
         yield table_file(table, request)
+    yield text_file("README.md", read_me.text(request))
 
 
 FORMATS: Final[Mapping[str, Format]] = MappingProxyType(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import csv
 import io
 import zipfile
@@ -70,7 +71,7 @@ def zip_within(db: Session, files: Iterable[File]) -> Iterator[bytes]:
 
 def _csv(db: Session, table: Table, request: Request) -> Iterator[bytes]:
     header: list[Value] = [column.name for column in table.columns(request.study.plan)]
-    yield _lines([header])
+    yield (codecs.BOM_UTF8 if request.excel else b"") + _lines([header])
     rows = iter(table.rows(db, request))
     while piece := list(islice(rows, _ROWS_PER_PIECE)):
         yield _lines(piece)

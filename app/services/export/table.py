@@ -31,7 +31,8 @@ class Request:
     first and last day, UTC, on which a session may have begun. without: exclude sessions with one
     of these flags. completed: only completed sessions. left_out: primary keys of the sessions that
     `without` excludes, set by `filters.resolve_flags`. participants: only sessions of these
-    pseudonyms; empty: of all.
+    pseudonyms; empty: of all. excel: whether tables begin with a byte order mark, by which Excel
+    knows UTF-8.
     """
 
     study: StudyInfo
@@ -43,6 +44,7 @@ class Request:
     completed: bool = False
     left_out: tuple[int, ...] = ()
     participants: tuple[str, ...] = ()
+    excel: bool = False
 
 
 @dataclass(frozen=True)

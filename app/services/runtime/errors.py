@@ -119,6 +119,10 @@ class ConflictError(ServiceError):
     """The operation is not possible in the present state."""
 
 
+class PdfError(ConflictError):
+    """A report cannot be made as PDF; the HTML of the same report can."""
+
+
 class NoRoomError(ConflictError):
     """The disk or the account's quota has too little free space."""
 

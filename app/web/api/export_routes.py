@@ -21,6 +21,8 @@ from app.services.runtime.errors import NotFoundError
 from app.services.studies import access
 from app.services.studies.access import Right
 from app.services.studies.repository import StudyInfo
+from app.web.http.head_requests import IS_HEAD, headers_alone
+from app.web.http.known_parameters import KnownParameters
 from app.web.http.problems import refusals
 from app.web.http.security import POLICY, AppDep, ExperimenterDep
 
@@ -29,7 +31,7 @@ from .token_schemes import EXPERIMENTER, short_id
 router = APIRouter(
     prefix="/api/v1/studies/{slug}",
     tags=["export"],
-    dependencies=[Depends(EXPERIMENTER)],
+    dependencies=[Depends(EXPERIMENTER), KnownParameters],
     generate_unique_id_function=short_id,
 )
 
@@ -62,12 +64,16 @@ class Filter:
             bool, Query(description="Leave sessions with any flag out.")
         ] = False,
         completed: Annotated[bool, Query(description="Only completed sessions.")] = False,
+        excel: Annotated[
+            bool, Query(description="Begin tables with a byte order mark, as Excel wants it.")
+        ] = False,
     ) -> None:
         self.modes = export.modes_of(mode)
         self.conditions = tuple(dict.fromkeys(condition or ()))
         self.since, self.until = since or None, until or None
         self.without = export.ALL_FLAGS if exclude_flagged else tuple(exclude_flag or ())
         self.completed = completed
+        self.excel = excel
 
     def of(self, app: AppContext, study: StudyInfo) -> Request:
         """What is asked of this study. Raises ConflictError."""
@@ -79,6 +85,7 @@ class Filter:
             self.until,
             self.without,
             self.completed,
+            excel=self.excel,
         )
         return export.resolve_flags(app, asked)
 
@@ -223,7 +230,11 @@ class Download(StreamingResponse):
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         try:
-            await super().__call__(scope, receive, send)
+            if scope.get(IS_HEAD):
+                # Nothing is read, so nothing is exported and noted.
+                await headers_alone(self.headers)(scope, receive, send)
+            else:
+                await super().__call__(scope, receive, send)
         finally:
             with anyio.CancelScope(shield=True):
                 await run_in_threadpool(self._pieces.close)

@@ -22,12 +22,13 @@ from app.web.api.export_routes import (
     report_response,
     zip_response,
 )
+from app.web.http.known_parameters import KnownParameters
 from app.web.http.security import AppDep
 
 from .page_context import DataOf, SignedIn
 from .study_frame import study_page
 
-router = APIRouter(include_in_schema=False)
+router = APIRouter(include_in_schema=False, dependencies=[KnownParameters])
 
 #: How many of the last exports the page lists.
 LISTED = 50
@@ -63,8 +64,9 @@ def report(
     caller: SignedIn,
     asked: FilterDep,
     form: ReportForm,
+    _of_the_form: Annotated[FormatName, Query(alias="format")] = "csv",
 ) -> Response:
-    """The report on the data selected in the form."""
+    """The report on the data selected in the form, which has a format for the tables, too."""
     try:
         return report_response(app, caller, asked.of(app, study), form)
     except ConflictError as error:

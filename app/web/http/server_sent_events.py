@@ -20,6 +20,8 @@ from starlette.types import Receive, Scope, Send
 
 from app.services.runtime.errors import TooManyError
 
+from .head_requests import IS_HEAD, headers_alone
+
 SECONDS_BETWEEN_LOOKS: Final = 1.0
 #: Proxies close connections that are idle for half a minute or more.
 LOOKS_BETWEEN_SIGNS_OF_LIFE: Final = 15
@@ -89,7 +91,10 @@ class _EventStream(StreamingResponse):
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         try:
-            await super().__call__(scope, receive, send)
+            if scope.get(IS_HEAD):
+                await headers_alone(self.headers)(scope, receive, send)
+            else:
+                await super().__call__(scope, receive, send)
         finally:
             self._ended()
 

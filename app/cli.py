@@ -458,11 +458,12 @@ def replay(slug: Slug, data_dir: DataDir = None) -> None:
     """Work every trial out again from the responses; exit 1 if anything comes out otherwise."""
     from app.services.sessions.replay import replay as replay_study
 
-    different = queries = trials = withdrawn = 0
+    different = queries = trials = withdrawn = gone = 0
     for trial in replay_study(app_context_of(data_dir), slug):
         trials += 1
         queries += trial.queries
         withdrawn += trial.withdrawn
+        gone += trial.gone
         different += len(trial.differences)
         for difference in trial.differences:
             out.print(
@@ -473,6 +474,11 @@ def replay(slug: Slug, data_dir: DataDir = None) -> None:
     out.print(f"{trials} trials, {queries} queries replayed; {different} came out otherwise.")
     if withdrawn:
         out.print(f"{withdrawn} responses are not learnt from: their recordings were withdrawn.")
+    if gone:
+        out.print(
+            f"{gone} pairs and acquired candidates of shared models cannot be worked out again: "
+            "answers that they came from were deleted or taken back since. They stay as they were."
+        )
     raise Exit(1 if different else 0)
 
 

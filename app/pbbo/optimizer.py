@@ -30,7 +30,7 @@ from .knockout import challenger
 from .methods import method_named
 from .one_thread import one_thread
 from .people_settings import PeopleSettings, checked_people_settings
-from .people_trial import PeopleTrial, checked_person, checked_target
+from .people_trial import FullFits, PeopleTrial, Target, checked_person, checked_target
 from .preferences import (
     Preference,
     Query,
@@ -53,6 +53,8 @@ if TYPE_CHECKING:
 
 # Means this close, in prior standard deviations, differ by rounding alone.
 TIE = 1e-9
+#: Numbers that are tried for a pair drawn at random that nobody is looking at.
+MOST_DRAWS = 20
 
 
 #: (left, right, response), a skip's reason behind it, and the person behind that.
@@ -85,6 +87,7 @@ class PreferenceOptimizer:
         settings: Settings | None = None,
         *,
         people: PeopleSettings | None = None,
+        full_fits: FullFits | None = None,
     ) -> None:
         self._method_name = method
         self._method = method_named(method)
@@ -101,6 +104,7 @@ class PreferenceOptimizer:
         # Depends on the candidates and the settings alone: kept between fits, never learned.
         self._prior: AnyPrior | None = None
         self._people_settings = checked_people_settings(people)
+        self._full_fits = full_fits
         self._people: PeopleTrial[Query] | None = None
 
     @classmethod
@@ -113,14 +117,19 @@ class PreferenceOptimizer:
         seed: int = 0,
         settings: Settings | None = None,
         people: PeopleSettings | None = None,
+        pending: Iterable[tuple[int, int]] = (),
+        full_fits: FullFits | None = None,
     ) -> Self:
         """The optimiser after exactly these (left, right, response), oldest first.
 
         An entry may have the reason of a skip, or None, as a fourth part, and then the person who
         gave the response as a fifth. The queries are taken as stored, whether or not this version
-        would have asked them.
+        would have asked them.  pending: pairs that other people are looking at.  full_fits:
+        remembers full fits of several people's answers to these candidates under these settings.
         """
-        optimizer: Self = cls(candidates, method, seed, settings, people=people)
+        optimizer: Self = cls(
+            candidates, method, seed, settings, people=people, full_fits=full_fits
+        )
         for place, entry in enumerate(history):
             left, right, response, reason = optimizer._checked_entry(place, entry)
             if len(entry) == 5:
@@ -131,6 +140,9 @@ class PreferenceOptimizer:
                 raise HistoryError(
                     f"history[{place}]: expected a person, since earlier entries name one"
                 )
+        elsewhere = [frozenset(pair) for pair in pending]
+        if elsewhere:
+            optimizer._people_trial("replay").elsewhere.extend(elsewhere)
         return optimizer
 
     def ask(self, person: str | None = None, *, target: str = "population") -> Query:
@@ -149,13 +161,29 @@ class PreferenceOptimizer:
         if whose == "person" and name is None:
             raise PersonError("ask: expected a person, whose best is to be found, got none")
         trial = self._people_trial("ask")
-        about = name if whose == "person" else None
 
         def propose(index: int, last: frozenset[int]) -> Query:
             taken = [frozenset((query.left, query.right)) for query in trial.open_queries]
-            return self._propose(index, last, lambda: self._people_belief(about), taken)
+            return self._propose_to(name, whose, index, last, [*taken, *trial.elsewhere])
 
         return trial.asked(name, propose)
+
+    def alternatives(
+        self, person: str, count: int, *, target: str = "population"
+    ) -> tuple[Query, ...]:
+        """The query that `ask` would give, and then each that it would give if those before it were
+        looked at by somebody else. Nothing is asked by this."""
+        name, whose = checked_person(person), checked_target(target)
+        trial = self._people_trial("alternatives")
+        waiting = [frozenset((query.left, query.right)) for query in trial.open_queries]
+        taken = [*waiting, *trial.elsewhere]
+        first, last = trial.next_index, trial.last_seen(name)
+        found: list[Query] = []
+        for place in range(count):
+            query = self._propose_to(name, whose, first + place, last, taken)
+            found.append(query)
+            taken.append(frozenset((query.left, query.right)))
+        return tuple(found)
 
     def tell(
         self, query: Query, response: str, reason: str | None = None, *, person: str | None = None
@@ -310,6 +338,23 @@ class PreferenceOptimizer:
             raise type(error)(f"history[{place}]: {error}") from error
         return int(left), int(right), *checked
 
+    def _propose_to(
+        self,
+        person: str | None,
+        target: Target,
+        index: int,
+        last: frozenset[int],
+        taken: Collection[frozenset[int]],
+    ) -> Query:
+        """A query to one of several people, of the first number from this one that gives a pair
+        nobody is looking at."""
+        about = person if target == "person" else None
+        for number in range(index, index + MOST_DRAWS):
+            query = self._propose(number, last, lambda: self._people_belief(about), taken)
+            if query.trial_type == "model" or frozenset((query.left, query.right)) not in taken:
+                break
+        return query
+
     def _propose(
         self,
         index: int,
@@ -442,7 +487,7 @@ class PreferenceOptimizer:
                     f"{call}: expected the method pbpo-threshold, which knows several people, "
                     f"got {self._method_name}"
                 )
-            self._people = PeopleTrial(self._people_settings)
+            self._people = PeopleTrial(self._people_settings, self._full_fits)
             if self._pending is not None:
                 self._people.opened(self._pending)
                 self._pending = None

@@ -5,7 +5,7 @@ it was asked for, so that no two open ones share a number; with the answers so f
 every draw made for it.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, MutableMapping, Sequence
 from typing import TYPE_CHECKING, Final, Generic, Literal, Protocol, TypeVar, get_args
 
 from .errors import FitError, PersonError, QueryNotAskedError
@@ -31,17 +31,28 @@ class Indexed(Protocol):
 AnyQuery = TypeVar("AnyQuery", bound=Indexed)
 
 
-class PeopleTrial(Generic[AnyQuery]):
-    """Answers of several people, the open queries and the belief, fitted when first needed."""
+#: Full fits, by the answers fitted and the points below everybody's threshold.
+FullFits = MutableMapping[tuple[tuple[PersonAnswer, ...], tuple[int, ...]], "PeopleModel"]
 
-    def __init__(self, settings: PeopleSettings) -> None:
+
+class PeopleTrial(Generic[AnyQuery]):
+    """Answers of several people, the open queries and the belief, fitted when first needed.
+
+    full_fits: remembers full fits, which are pure functions of their keys for one list of
+    candidates and one value of the settings.
+    """
+
+    def __init__(self, settings: PeopleSettings, full_fits: FullFits | None = None) -> None:
         self._settings = settings
+        self._full_fits = full_fits
         self._history: list[PersonAnswer] = []
         self._open: dict[str | None, AnyQuery] = {}
         self._last: dict[str | None, frozenset[int]] = {}
         self._issued = 0
         self._model: PeopleModel | FitError | None = None
         self._full: tuple[int, tuple[int, ...], PeopleModel] | None = None
+        #: Pairs that others are looking at, besides the open queries.
+        self.elsewhere: list[frozenset[int]] = []
 
     @property
     def history(self) -> tuple[PersonAnswer, ...]:
@@ -58,6 +69,16 @@ class PeopleTrial(Generic[AnyQuery]):
         """The queries that wait for a response."""
         return tuple(self._open.values())
 
+    @property
+    def next_index(self) -> int:
+        """The number of the next query."""
+        others = len(self._open) + len(self.elsewhere)
+        return max(self._issued, len(self._history) + others)
+
+    def last_seen(self, person: str | None) -> frozenset[int]:
+        """The rows that the person saw last."""
+        return self._last.get(person, frozenset())
+
     def asked(
         self, person: str | None, propose: Callable[[int, frozenset[int]], AnyQuery]
     ) -> AnyQuery:
@@ -66,9 +87,8 @@ class PeopleTrial(Generic[AnyQuery]):
         propose: given the query's number and the rows that the person saw last.
         """
         if person not in self._open:
-            index = max(self._issued, len(self._history) + len(self._open))
-            query = propose(index, self._last.get(person, frozenset()))
-            self._issued = index + 1
+            query = propose(self.next_index, self.last_seen(person))
+            self._issued = query.index + 1
             self._open[person] = query
         return self._open[person]
 
@@ -119,7 +139,7 @@ class PeopleTrial(Generic[AnyQuery]):
             below = tuple(excluded)
             try:
                 if self._full is None or self._full[:2] != (first, below):
-                    full = fitter.full_fit(self._history[:first], below)
+                    full = self._full_fit(fitter, first, below)
                     self._full = first, below, full
                 self._model = fitter.fitted(self._history, below, self._full[2])
             except FitError as error:
@@ -127,6 +147,17 @@ class PeopleTrial(Generic[AnyQuery]):
         if isinstance(self._model, FitError):
             raise self._model
         return self._model
+
+    def _full_fit(
+        self, fitter: "PeopleFitter", first: int, below: tuple[int, ...]
+    ) -> "PeopleModel":
+        if self._full_fits is None:
+            return fitter.full_fit(self._history[:first], below)
+        key = (tuple(self._history[:first]), below)
+        full = self._full_fits.get(key)
+        if full is None:
+            full = self._full_fits[key] = fitter.full_fit(self._history[:first], below)
+        return full
 
 
 def checked_person(person: object) -> str:

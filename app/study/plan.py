@@ -13,6 +13,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import (
     AfterValidator,
+    ConfigDict,
     Field,
     JsonValue,
     StrictInt,
@@ -25,7 +26,7 @@ from pydantic_core import PydanticCustomError
 from .analysis import Analysis
 from .attention_checks import Checks, number
 from .environments import Environment
-from .plan_model import ONE_OR_MORE_TEXTS, LocalText, Part
+from .plan_model import ONE_OR_MORE_TEXTS, LocalText, Part, absent
 from .plan_validation import METHODS, inconsistencies
 from .query_settings import QueryPage, Skip
 from .questionnaire import Item, Questionnaires
@@ -65,6 +66,31 @@ class Condition(Part):
         default_factory=dict,
         description="a mapping of settings for the method such as {preset: paper-env1}",
     )
+    # Left out of a plan's data where not given, so that the hashes of earlier plans stay valid.
+    model: Literal["own", "shared"] = Field(
+        default="own",
+        exclude_if=lambda model: model == "own",
+        description="own or shared: whether the answers of all people teach one model",
+    )
+    target: Literal["population", "person"] | None = Field(
+        default=None,
+        alias="for",
+        exclude_if=absent,
+        description="population or person: whose best a shared model looks for",
+    )
+
+    # "for" is a word of Python's own.
+    model_config = ConfigDict(serialize_by_alias=True)
+
+    @property
+    def is_shared(self) -> bool:
+        """Whether all people under this condition teach one model."""
+        return self.model == "shared"
+
+    @property
+    def finds(self) -> Literal["population", "person"]:
+        """Whose best candidate a shared model looks for."""
+        return self.target or "population"
 
     @property
     def optimizer_settings(self) -> dict[str, JsonValue]:

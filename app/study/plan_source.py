@@ -8,6 +8,7 @@ from itertools import islice
 from typing import Any, get_args
 
 from pydantic import BaseModel, ValidationError
+from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
 from .parsed_plan import Inconsistency, Place, path_text
@@ -131,7 +132,7 @@ def _message(details: ErrorDetails) -> str:
     if details["type"] == "missing":
         return f"expected {expectation}, got no such key"
     if details["type"] == "extra_forbidden":
-        known = list(model.model_fields)
+        known = list(_fields(model))
         near = difflib.get_close_matches(str(place[-1]), known, n=1)
         hint = f" (did you mean {near[0]}?)" if near else ""
         return f"unknown key, expected one of {', '.join(known)}{hint}"
@@ -159,14 +160,19 @@ def _where(place: Place) -> tuple[type[BaseModel], str]:
     expectation = "`key: value` lines"
     last_model = model
     for step in place:
-        field = model.model_fields.get(step) if isinstance(step, str) else None
+        field = _fields(model).get(step) if isinstance(step, str) else None
         if field is None:
             continue
         last_model = model
         expectation = field.description or expectation
         model = _model_in(field.annotation) or model
-    at_field = bool(place) and place[-1] in last_model.model_fields
+    at_field = bool(place) and place[-1] in _fields(last_model)
     return (last_model if at_field else model), expectation
+
+
+def _fields(model: type[BaseModel]) -> dict[str, FieldInfo]:
+    """The fields of a model, by their names in the file."""
+    return {field.alias or name: field for name, field in model.model_fields.items()}
 
 
 def _model_in(annotation: object) -> type[BaseModel] | None:

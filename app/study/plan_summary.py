@@ -33,6 +33,7 @@ def _session(plan: Plan) -> Iterator[str]:
         f" {_times(plan.trials_per_condition)}, {_order(plan)}."
     )
     yield f"In each trial, {_many(plan.queries_per_trial, 'pair')} of videos chosen by its method."
+    yield from _shared_models(plan)
     yield from _machines(plan)
     checks = []
     if plan.repeats_per_trial:
@@ -57,6 +58,21 @@ def _session(plan: Plan) -> Iterator[str]:
     ):
         if items:
             yield f"{when}, {_many(len(items), 'question')}."
+
+
+def _shared_models(plan: Plan) -> Iterator[str]:
+    """Which conditions' answers teach one model, and what it looks for."""
+    for condition in plan.conditions:
+        if condition.is_shared:
+            best = {
+                "population": "what people in general like best",
+                "person": "what each person likes best, helped by the others' answers",
+            }[condition.finds]
+            yield (
+                f"Under {condition.name}, the answers of all people teach one model, also while"
+                f" they take part at the same time; pairs are chosen to find {best}. The answers of"
+                " who withdraws, takes one back or is deleted no longer count from then on."
+            )
 
 
 def _machines(plan: Plan) -> Iterator[str]:

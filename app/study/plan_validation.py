@@ -126,7 +126,27 @@ def _conditions(plan: Mapping[str, object]) -> Iterator[Inconsistency]:
                 message = f"expected no skip button for method {method}, got one"
                 yield Inconsistency((*place, "skip"), message)
         yield from skip_inconsistencies((*place, "skip"), skip, method, plan)
+        yield from _model(place, condition, plan)
         yield from _finite((*place, "settings"), condition.get("settings"))
+
+
+def _model(
+    place: Place, condition: Mapping[str, object], plan: Mapping[str, object]
+) -> Iterator[Inconsistency]:
+    """A model that people share needs a method that tells them apart, and listed candidates."""
+    if condition.get("model") != "shared":
+        if condition.get("for") is not None:
+            message = "expected model: shared with it, since an own model is for its person"
+            yield Inconsistency((*place, "for"), f"{message}, got none")
+        return
+    method = condition.get("method")
+    if method != "pbpo-threshold":
+        message = f"expected method pbpo-threshold for a shared model, got {method!r}"
+        yield Inconsistency((*place, "model"), message)
+    parameters = [as_mapping(parameter) for parameter in as_list(plan.get("parameters"))]
+    if any(parameter.get("min") is not None for parameter in parameters):
+        message = "expected a model of each person's own where parameters have ranges, got shared"
+        yield Inconsistency((*place, "model"), message)
 
 
 def _familiarisation(plan: Mapping[str, object]) -> Iterator[Inconsistency]:

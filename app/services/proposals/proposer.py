@@ -36,6 +36,7 @@ from .computation import (
     compute_steps,
 )
 from .posterior_cache import PosteriorCache
+from .shared_proposer import SharedProposer
 from .step_cache import StepCache
 
 #: Cached candidate sets, one per environment, a few hundred kilobytes each.
@@ -157,6 +158,8 @@ class Proposer:
         self._fit_process = FitProcess()
         #: Steps over search spaces given by ranges.
         self.boxes = BoxProposer(self._fit_process, metrics)
+        #: Steps of models that several people share.
+        self.shared = SharedProposer(self._fit_process, background, metrics)
         #: Posteriors for session pages.
         self.posteriors = PosteriorCache()
 
@@ -191,16 +194,19 @@ class Proposer:
         self.posteriors.purge(seeds)
         self._steps.purge(seeds)
         self.boxes.purge(seeds)
+        self.shared.purge(seeds)
 
     def cached_seeds(self) -> frozenset[int]:
         """The seeds of all trials with a cached step or posterior."""
-        return self.posteriors.seeds() | self._steps.seeds() | self.boxes.seeds()
+        caches = (self.posteriors, self._steps, self.boxes, self.shared)
+        return frozenset().union(*(cache.seeds() for cache in caches))
 
     def evict(self, seeds: frozenset[int]) -> None:
         """Drop everything cached for these trials; it is computed again on request."""
         self.posteriors.evict(seeds)
         self._steps.evict(seeds)
         self.boxes.evict(seeds)
+        self.shared.evict(seeds)
 
     def cached_step(self, trial: TrialSpec, history: History) -> NextStep | None:
         """The step after `history` if it is cached, otherwise None."""
@@ -297,15 +303,18 @@ def _step(candidate_set: CandidateSet, trial: TrialSpec, result: StepResult) -> 
     """The step of a result, with recordings drawn for its query."""
     query = result.query
     return NextStep(
-        next=None if query is None else _next_query(candidate_set, trial, query, result.likelier),
+        next=None
+        if query is None
+        else with_recordings(candidate_set, trial, query, result.likelier),
         preferences=result.preferences,
         acquired=result.acquired,
     )
 
 
-def _next_query(
+def with_recordings(
     candidate_set: CandidateSet, trial: TrialSpec, query: Query, likelier: str
 ) -> ProposedQuery:
+    """A query of the optimiser with recordings drawn for it."""
     rng = np.random.default_rng([trial.seed, _RECORDING_DRAW, query.index])
     left, right = (
         recordings[int(rng.integers(len(recordings)))]

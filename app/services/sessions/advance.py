@@ -24,7 +24,7 @@ from app.study import stages
 from app.study.stage_settings import Device
 from app.study.stages import Stage
 
-from . import box_queries, box_settling, consents, familiarisation, lookup, trial_start
+from . import box_queries, box_settling, consents, familiarisation, lookup, shared_next, trial_start
 from . import state_view as session_state
 from .state_view import State
 
@@ -73,9 +73,11 @@ def consent(app: AppContext, token: str, version: str, *, successor: str | None 
         if repository.stored_plan(session.plan).has_ranges:
             box_queries.ask_first_ahead(app, db, session, trial_start.first_spec(session))
             return state
-        first = trial_start.first_query(app, session)
-        recordings = [*familiarisation.device_check_videos(app, session), first.left, first.right]
-        recordings.extend(familiarisation.videos(app, session))
+        recordings = [
+            *familiarisation.device_check_videos(app, session),
+            *trial_start.first_recordings(app, session),
+            *familiarisation.videos(app, session),
+        ]
     app.proposer.render(recordings)
     return state
 
@@ -99,6 +101,10 @@ def continue_session(
     device: the measurements of the device check, at that stage. leaving: the stage that the page
     shows; if the session has left it, nothing is changed.
     """
+    return shared_next.computing(app, lambda: _continue(app, token, device, leaving))
+
+
+def _continue(app: AppContext, token: str, device: Device | None, leaving: str | None) -> State:
     with app.database.write() as db:
         session = lookup.find(app, db, token, to_write=True)
         if leaving is not None and leaving != session.stage:

@@ -130,14 +130,14 @@ def _work(
 ) -> None:
     """Compute what may follow, ask for its recordings, and take back what is pointless."""
     with app.database.read() as db:
-        if not _is_open(db, query.public_id):
+        if not is_open(db, query.public_id):
             return
     app.proposer.boxes.steps(
         list(dict.fromkeys(request for following in possible for request in following.requests))
     )
     coming = [box_next.compute(app.proposer.boxes, following) for following in possible]
     with app.database.write() as db:
-        if not _is_open(db, query.public_id):
+        if not is_open(db, query.public_id):
             return
         _ask(app, db, trial, query, coming)
     app.proposer.boxes.mark_prepared(query.public_id, possible)
@@ -157,7 +157,7 @@ def _ask(
     requests.take_back(db, query.trial_id, kept, now)
 
 
-def _is_open(db: Session, public_id: str) -> bool:
+def is_open(db: Session, public_id: str) -> bool:
     """Whether the query exists, is not set aside, and has no response."""
     found = db.scalar(
         select(QueryRow.id)

@@ -21,7 +21,7 @@ from app.study.query_settings import reasons_in
 from app.study.stage_settings import PRACTICE_INDEX
 from app.study.stages import Stage
 
-from . import hidden_checks, queries, undo_window
+from . import hidden_checks, queries, shared_ahead, shared_trials, undo_window
 from .queries import OpenQuery
 
 
@@ -40,7 +40,7 @@ def describe(
     candidate_set = app.proposer.candidate_set(session.study_id, trial.environment)
     condition = plan.conditions[session.trial_conditions[session.trial_index]]
     place = (trial_index, query.query_index)
-    coming, then = _coming(app, session, trial), _place_after(session, trial)
+    coming, then = _coming(app, db, session, trial), _place_after(session, trial)
     clips = [clip for following in coming for clip in (following.left, following.right)]
     if clips and not practising:
         clips = hidden_checks.padded(clips, session, trial, candidate_set)
@@ -110,17 +110,22 @@ def skip_of(
     return state
 
 
-def _coming(app: AppContext, session: SessionRow, trial: OpenQuery) -> list[ProposedQuery]:
+def _coming(
+    app: AppContext, db: Session, session: SessionRow, trial: OpenQuery
+) -> list[ProposedQuery]:
     """Candidates for the next query, most likely first, as far as they are computed."""
     spec = queries.trial_spec(session, trial.trial_index, trial.seed, trial.asked.engine_version)
     if trial.trial_index == PRACTICE_INDEX:
-        return [_after_practice(app, session, spec)]
+        return _after_practice(app, session, spec)
     record, query = trial.record, trial.asked
     kind = kind_at(spec, query.query_index + 1)
     history = training_history(spec, record)
     pair = (query.left, query.right)
     coming = []
-    if is_training(spec, query.trial_type):
+    shared = shared_trials.trial_of(session, trial.trial_index, spec)
+    if shared is not None:
+        coming = shared_ahead.prepare(app, db, shared, trial)
+    elif is_training(spec, query.trial_type):
         coming = app.proposer.possible_queries(spec, history, pair)
         app.proposer.precompute(spec, history, pair)
     elif (known := app.proposer.cached_step(spec, history)) and known.next:
@@ -142,13 +147,17 @@ def _place_after(session: SessionRow, trial: OpenQuery) -> Place:
     return (trial.trial_index, trial.asked.query_index + 1)
 
 
-def _after_practice(app: AppContext, session: SessionRow, spec: TrialSpec) -> ProposedQuery:
-    """The query after the open practice query; it does not depend on the response."""
+def _after_practice(app: AppContext, session: SessionRow, spec: TrialSpec) -> list[ProposedQuery]:
+    """The query after the open practice query, which does not depend on the response.
+
+    Empty before a trial under a shared model, whose first pair is not known yet.
+    """
     if session.query_index + 1 < stored_plan(session.plan).practice.queries:
         candidate_set = app.proposer.candidate_set(spec.study_id, spec.environment)
-        return practice_pairs.pair(candidate_set, spec.seed, session.query_index + 1)
-    first = app.proposer.step(
-        queries.trial_spec(session, 0, queries.trial_seed(session, 0)), ()
-    ).next
+        return [practice_pairs.pair(candidate_set, spec.seed, session.query_index + 1)]
+    of_first = queries.trial_spec(session, 0, queries.trial_seed(session, 0))
+    if shared_trials.trial_of(session, 0, of_first) is not None:
+        return []
+    first = app.proposer.step(of_first, ()).next
     assert first is not None
-    return first
+    return [first]

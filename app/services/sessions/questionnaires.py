@@ -12,7 +12,7 @@ from app.study import stages
 from app.study.questionnaire import read_answers
 from app.study.stages import AFTER_TRIAL, Stage
 
-from . import lookup, trial_start
+from . import lookup, shared_next, trial_start
 from . import state_view as session_state
 from .state_view import State
 
@@ -25,6 +25,10 @@ def answer(app: AppContext, token: str, answers: Mapping[str, object]) -> State:
 
     Raises AnswersRefusedError with all validation errors, in which case nothing is stored.
     """
+    return shared_next.computing(app, lambda: _answer(app, token, answers))
+
+
+def _answer(app: AppContext, token: str, answers: Mapping[str, object]) -> State:
     with app.database.write() as db:
         session = lookup.find(app, db, token, to_write=True)
         plan = repository.stored_plan(session.plan)

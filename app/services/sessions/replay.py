@@ -21,8 +21,9 @@ from app.services.studies import repository
 from app.storage.models.studies import Acquired, PreferenceRow, QueryRow, SessionRow, Trial
 from app.study.stage_settings import PRACTICE_INDEX
 
-from . import box_replay, queries
+from . import box_replay, queries, shared_replay
 from .derived_rows import preferences
+from .shared_replay import SharedReplay
 
 
 @dataclass(frozen=True)
@@ -49,6 +50,9 @@ class Replayed:
     #: Responses that were judged on recordings withdrawn since, and are not learnt from.
     withdrawn: int
     differences: tuple[Difference, ...]
+    #: Queries and acquired candidates of a shared model that cannot be computed again, because
+    #: answers that they were computed from were deleted or taken back since.
+    gone: int = 0
 
 
 def replay(app: AppContext, slug: str) -> Iterator[Replayed]:
@@ -63,13 +67,22 @@ def replay(app: AppContext, slug: str) -> Iterator[Replayed]:
             .options(selectinload(Trial.queries))
         )
         for trial in stored:
+            shared = shared_replay.trial_of(trial)
+            found = SharedReplay()
+            if shared is not None:
+                found = shared_replay.replay(app, db, trial, shared)
             yield Replayed(
                 session_id=trial.session.public_id,
                 trial_index=trial.trial_index,
                 condition=trial.condition,
                 queries=len(trial.queries),
                 withdrawn=box_replay.withdrawn(trial),
-                differences=tuple(_differences(app, db, trial)),
+                differences=(
+                    tuple(_differences(app, db, trial))
+                    if shared is None
+                    else tuple(Difference(*one) for one in found.differences)
+                ),
+                gone=found.gone,
             )
 
 

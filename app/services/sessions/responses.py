@@ -19,6 +19,7 @@ from app.services.proposals.proposer import NextStep, ProposedQuery, TrialSpec
 from app.services.proposals.trial_schedule import (
     AnsweredQueries,
     AskedQuery,
+    check_at,
     is_training,
     next_query,
     replacement,
@@ -51,12 +52,16 @@ from . import (
     event_limits,
     lookup,
     queries,
+    shared_next,
+    shared_queries,
+    shared_trials,
     trial_start,
 )
 from . import state_view as session_state
 from .box_next import Computed, Following
 from .box_trials import BoxTrial
 from .queries import ClientEvent, OpenQuery
+from .shared_trials import SharedTrial, Sources
 from .state_view import State
 
 #: Attempts at one query. A browser that needs more plays no video at all.
@@ -135,11 +140,11 @@ def respond(app: AppContext, token: str, answer: Answer) -> State:
     and a second one stores it. The state is described from the values at hand.
     """
     with app.metrics.answering(answer.response):
-        attempt = _attempt(app, token, answer, None)
+        attempt = shared_next.computing(app, lambda: _attempt(app, token, answer, None))
         if isinstance(attempt, _StepNeeded):
             step = app.proposer.step(attempt.trial, attempt.history)
             # The history is still valid: undoing an earlier response would have deleted this query.
-            attempt = _attempt(app, token, answer, step)
+            attempt = shared_next.computing(app, lambda: _attempt(app, token, answer, step))
             assert not isinstance(attempt, _StepNeeded)
         for _ in range(box_settling.MOST_ROUNDS):
             if isinstance(attempt, _ComputationNeeded):
@@ -173,6 +178,10 @@ def _attempt(
         asked = _read(db, session, query, answer)
         if stored_plan(session.plan).has_ranges:
             return _attempt_over_space(app, db, session, query, answer, asked, computed)
+        shared = shared_trials.trial_of(session, query.trial.trial_index, asked.trial)
+        if shared is not None:
+            opened = _store_shared(app, db, session, query, answer, asked, shared)
+            return _Stored(opened, session if opened is not None else None)
         if not asked.is_practice:
             is_computed = step is not None
             step = step or app.proposer.cached_step(asked.trial, asked.history)
@@ -230,6 +239,36 @@ def _store_over_space(
     query.trial.ended_at = now
     requests.take_back(db, query.trial_id, (), now)
     trial_start.enter_stage(app, db, session)
+
+
+def _store_shared(
+    app: AppContext,
+    db: Session,
+    session: SessionRow,
+    query: QueryRow,
+    answer: Answer,
+    asked: _ResponseContext,
+    trial: SharedTrial,
+) -> OpenQuery | None:
+    """`_store` under a model that several people share. Raises StepNeededError."""
+    shared_trials.lock(db, trial)
+    moment = shared_trials.read_moment(db, trial, app.now())
+    place = len(asked.record)
+    own = None
+    if is_training(asked.trial, query.trial_type):
+        own = shared_trials.answer_to(trial, asked.record[-1])
+    step = shared_next.after(app, trial, place, moment, own)
+    now = _write_response(app, db, session, query, answer)
+    sources = shared_queries.store_derived(db, trial, query, step, moment, own, asked.record)
+    if session.stage == Stage.QUERY and session.trial_index == query.trial.trial_index:
+        candidate_set = app.proposer.candidate_set(asked.trial.study_id, asked.trial.environment)
+        if step.proposal is None:
+            check = check_at(candidate_set, asked.trial, asked.record, place)
+            return _open(db, query, check, asked.record, now)
+        return _open(db, query, step.proposal, asked.record, now, sources)
+    query.trial.ended_at = now
+    trial_start.enter_stage(app, db, session)
+    return None
 
 
 def _read(db: Session, session: SessionRow, query: QueryRow, answer: Answer) -> _ResponseContext:
@@ -303,11 +342,19 @@ def _write_response(
 
 
 def _open(
-    db: Session, answered: QueryRow, proposal: ProposedQuery, record: AnsweredQueries, now: datetime
+    db: Session,
+    answered: QueryRow,
+    proposal: ProposedQuery,
+    record: AnsweredQueries,
+    now: datetime,
+    sources: Sources | None = None,
 ) -> OpenQuery:
-    """Store the trial's next query. record: the answered queries before it."""
+    """Store the trial's next query. record: the answered queries before it. sources: what a shared
+    model proposed it from."""
     trial = answered.trial
     asked = trial_start.query_columns(proposal, now, trial_id=trial.id)
+    if sources is not None:
+        asked["proposed_from"] = sources.as_json()
     insert_rows(db, QueryRow, [asked])
     return OpenQuery(
         trial_id=trial.id,

@@ -9,14 +9,15 @@ from sqlalchemy.orm import Session
 
 from app.services.context import AppContext
 from app.services.proposals import practice_pairs
-from app.services.proposals.proposer import ProposedQuery, TrialSpec
+from app.services.proposals.proposer import ProposedQuery, RecordingRef, TrialSpec
 from app.services.runtime.ids import new_public_id
 from app.services.studies import repository
 from app.storage.models.studies import QueryRow, SessionRow, Trial
 from app.study.stage_settings import PRACTICE, PRACTICE_INDEX
 from app.study.stages import Stage
 
-from . import box_queries, box_trials, familiarisation, queries
+from . import box_queries, box_trials, familiarisation, queries, shared_next, shared_trials
+from .shared_trials import SharedTrial
 
 
 def enter_stage(app: AppContext, db: Session, session: SessionRow) -> None:
@@ -30,8 +31,7 @@ def enter_stage(app: AppContext, db: Session, session: SessionRow) -> None:
             box_queries.ask_first_ahead(app, db, session, first_spec(session))
             return
         # Rendered ahead, so that the first pair is ready when the person continues.
-        first = first_query(app, session)
-        coming = [first.left, first.right]
+        coming = first_recordings(app, session)
         plan = repository.plan_of(session)
         if plan.familiarises_before(session.trial_index):
             coming = [*familiarisation.videos(app, session), *coming]
@@ -40,8 +40,14 @@ def enter_stage(app: AppContext, db: Session, session: SessionRow) -> None:
 
 def _begin(app: AppContext, db: Session, session: SessionRow) -> None:
     """Store the trial that the session has entered, with its first query."""
-    box = box_trials.trial_of(session, first_spec(session))
-    first = first_query(app, session) if box is None else None
+    spec = first_spec(session)
+    box = box_trials.trial_of(session, spec)
+    shared = shared_trials.trial_of(session, session.trial_index, spec)
+    first = None
+    if shared is not None:
+        first, proposed_from = _first_shared(app, db, shared)
+    elif box is None:
+        first = first_query(app, session)
     condition = repository.stored_plan(session.plan).conditions[
         session.trial_conditions[session.trial_index]
     ]
@@ -56,12 +62,30 @@ def _begin(app: AppContext, db: Session, session: SessionRow) -> None:
         started_at=now,
         queries=[] if first is None else [query_row(first, now)],
     )
+    if shared is not None:
+        trial.queries[0].proposed_from = proposed_from
     db.add(trial)
     db.flush()
     if box is not None:
         box_queries.open_first(app, db, box, trial.id)
     elif first is not None:
         app.proposer.render([first.left, first.right])
+
+
+def _first_shared(
+    app: AppContext, db: Session, trial: SharedTrial
+) -> tuple[ProposedQuery, dict[str, Any]]:
+    """The first query under a shared model, which may know much by then, and its sources.
+
+    Raises StepNeededError.
+    """
+    shared_trials.lock(db, trial)
+    moment = shared_trials.read_moment(db, trial, app.now())
+    step = shared_next.after(app, trial, 0, moment, None)
+    assert step.proposal is not None
+    known = [*(answer.id for answer in moment.answers), *moment.gone]
+    sources = shared_trials.sources(trial, step.used, known, step.avoided)
+    return step.proposal, sources.as_json()
 
 
 def _begin_practice(app: AppContext, db: Session, session: SessionRow) -> None:
@@ -80,8 +104,7 @@ def _begin_practice(app: AppContext, db: Session, session: SessionRow) -> None:
     trial.queries.append(query_row(first, now))
     db.add(trial)
     db.flush()
-    after = first_query(app, session)
-    app.proposer.render([first.left, first.right, after.left, after.right])
+    app.proposer.render([first.left, first.right, *first_recordings(app, session)])
 
 
 def practice_query(app: AppContext, session: SessionRow, query_index: int) -> ProposedQuery:
@@ -96,6 +119,17 @@ def first_query(app: AppContext, session: SessionRow) -> ProposedQuery:
     first = app.proposer.step(first_spec(session), ()).next
     assert first is not None
     return first
+
+
+def first_recordings(app: AppContext, session: SessionRow) -> list[RecordingRef]:
+    """The recordings of the first pair of the session's current trial.
+
+    None under a shared model: what it knows when the trial begins decides the pair.
+    """
+    if shared_trials.trial_of(session, session.trial_index, first_spec(session)) is not None:
+        return []
+    first = first_query(app, session)
+    return [first.left, first.right]
 
 
 def first_spec(session: SessionRow) -> TrialSpec:

@@ -292,6 +292,8 @@ class QueryRow(Base):
     right_rollout_id: Mapped[int | None] = mapped_column(ForeignKey("rollouts.id"), index=True)
     # In a box, what the proposal was made from besides space and seed: "answered", the indices of
     # the queries learnt from; "pending", the open queries; "excluded", candidates never proposed.
+    # Under a shared model, "shared", runs of keys of everybody's responses; "number" and "digest"
+    # of these; "avoided", pairs that others were looking at.
     proposed_from: Mapped[dict[str, Any] | None]
     # Since when the response is not learnt from, because a recording of it was withdrawn.
     withdrawn_at: Mapped[datetime | None]
@@ -382,7 +384,7 @@ class Acquired(Base):
     candidate: Mapped[int]
     posterior_mean: Mapped[float | None]
     posterior_std: Mapped[float | None]
-    # In a box, what it was computed from besides space and seed: as `QueryRow.proposed_from`.
+    # In a box or under a shared model, what it was computed from: as `QueryRow.proposed_from`.
     computed_from: Mapped[dict[str, Any] | None]
 
 

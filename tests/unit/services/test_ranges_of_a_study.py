@@ -116,6 +116,11 @@ def test_the_plan_and_the_optimiser_agree_on_the_number_of_parameters() -> None:
         ("min: 0.1, ", "", "study.yaml:6: parameters[0].min: expected min and max of every"),
         ("min: 0, max: 1, ", "", "study.yaml:7: parameters[1].min: expected min and max of every"),
         ("max: 10,", "max: 0.1,", "study.yaml:6: parameters[0].max: expected a number above min"),
+        (
+            "{label: Neither}",
+            "{label: Neither}\n    model: shared",
+            "study.yaml:18: conditions[0].model: expected a model of each person's own where",
+        ),
         ("max: 10,", "max: .inf,", "study.yaml:6: parameters[0].max: expected a number between"),
         ("max: 10,", "max: true,", "study.yaml:6: parameters[0].max: expected a number between"),
         ("max: 10,", "max: 1.0e+13,", "study.yaml:6: parameters[0].max: expected a number between"),

@@ -56,6 +56,18 @@ def test_a_plan_goes_through_json_unchanged(build_plan: BuildPlan) -> None:
     assert Plan.model_validate(through_json) == plan
 
 
+def test_what_is_shared_and_what_it_is_for_is_part_of_the_plan(build_plan: BuildPlan) -> None:
+    own = condition(method="pbpo-threshold", skip={"label": "Neither"})
+    said = [{}, {"model": "shared"}, {"model": "shared", "for": "person"}]
+    plans = [build_plan(conditions=[{**own, **more}]) for more in said]
+    assert len({plan_hash(plan, TEXTS) for plan in plans}) == 3
+    for plan, finds in zip(plans[1:], ("population", "person"), strict=True):
+        assert Plan.model_validate(plan.model_dump(mode="json")).conditions[0].finds == finds
+    # The hash of a plan that was stored before there were shared models holds.
+    explicit = build_plan(conditions=[{**own, "model": "own"}])
+    assert plan_hash(explicit, TEXTS) == plan_hash(plans[0], TEXTS)
+
+
 def test_a_plan_does_not_change(build_plan: BuildPlan) -> None:
     with pytest.raises(ValidationError, match="frozen"):
         build_plan().queries_per_trial = 5

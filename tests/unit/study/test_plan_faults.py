@@ -50,6 +50,38 @@ Faults = Callable[[Path], list[str]]
             ),
         ),
         (
+            "skip: {label: Neither}",
+            "skip: {label: Neither}\n    model: shared",
+            (
+                "study.yaml:15: conditions[0].model: expected method pbpo-threshold for a shared"
+                " model, got 'pbpo'"
+            ),
+        ),
+        (
+            "skip: {label: Neither}",
+            "skip: {label: Neither}\n    model: everybody",
+            (
+                "study.yaml:15: conditions[0].model: expected own or shared: whether the answers"
+                " of all people teach one model, got 'everybody'"
+            ),
+        ),
+        (
+            "skip: {label: Neither}",
+            "skip: {label: Neither}\n    for: person",
+            (
+                "study.yaml:15: conditions[0].for: expected model: shared with it, since an own"
+                " model is for its person, got none"
+            ),
+        ),
+        (
+            "skip: {label: Neither}",
+            "skip: {label: Neither}\n    model: shared\n    for: everybody",
+            (
+                "study.yaml:16: conditions[0].for: expected population or person: whose best a"
+                " shared model looks for, got 'everybody'"
+            ),
+        ),
+        (
             "queries_per_trial: 4",
             "queries_per_trial: 4\nanalysis: {primary: [soft, with skip]}",
             (

@@ -1,0 +1,126 @@
+"""Steps of a model that several people share: pairs for one of them, and the acquired candidate.
+
+A step is a pure function of the candidates, the settings, the seed, everybody's answers and the
+pairs that others are looking at. Full fits are remembered, since many steps begin from the same.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from hashlib import sha256
+from threading import Lock
+from typing import Any, Final, Literal
+
+import numpy as np
+from cachetools import LRUCache
+from numpy.typing import NDArray
+
+from app.pbbo import FitError, PreferenceOptimizer, Query, Settings
+
+from .computation import AcquiredCandidate
+
+#: The one method that knows several people.
+METHOD: Final = "pbpo-threshold"
+#: Full fits that are remembered for each list of candidates with its settings; and such lists.
+MAX_FITS: Final = 4
+MAX_LISTS: Final = 8
+
+Pair = tuple[int, int]
+#: One answer: left, right, "left" | "right" | "skip", the reason of a skip, and who gave it.
+PersonsAnswer = tuple[int, int, str, str | None, str]
+
+
+@dataclass(frozen=True)
+class SharedRequest:
+    """The input of one step.
+
+    candidates: (n, d). history: everybody's answers, oldest first; people are named by any text.
+    person: who will answer. avoided: pairs that others are looking at. target: whose best candidate
+    is looked for and acquired. choices: how many pairs are proposed, each for the case that those
+    before it are looked at by somebody else. acquires: whether the acquired candidate is computed.
+    """
+
+    candidates: NDArray[np.float64] = field(repr=False)
+    settings: Mapping[str, Any]
+    seed: int
+    history: tuple[PersonsAnswer, ...] = field(repr=False)
+    person: str
+    avoided: tuple[Pair, ...]
+    target: Literal["population", "person"]
+    choices: int
+    acquires: bool = True
+
+
+@dataclass(frozen=True)
+class Choice:
+    """A pair to compare. likelier: the side that the model expects to win."""
+
+    query: Query
+    likelier: str
+
+
+@dataclass(frozen=True)
+class SharedStep:
+    """The output of one step. acquired: None after an empty history."""
+
+    choices: tuple[Choice, ...]
+    acquired: AcquiredCandidate | None
+
+
+def compute_shared_step(request: SharedRequest) -> SharedStep:
+    """Compute one step. Pure."""
+    settings = Settings.from_mapping(request.settings)
+    optimizer = PreferenceOptimizer.replay(
+        request.candidates,
+        request.history,
+        method=METHOD,
+        seed=request.seed,
+        settings=settings,
+        pending=request.avoided,
+        full_fits=_full_fits(request),
+    )
+    queries = optimizer.alternatives(request.person, request.choices, target=request.target)
+    about = request.person if request.target == "person" else None
+    fits = request.history and (
+        request.acquires or any(query.trial_type == "model" for query in queries)
+    )
+    try:
+        posterior = optimizer.posterior(about) if fits else None
+    except FitError:
+        posterior = None
+    acquired = None
+    if request.acquires and request.history:
+        best = optimizer.best(about)
+        at_best = (None, None) if posterior is None else (float(one[best]) for one in posterior)
+        acquired = AcquiredCandidate(best, *at_best)
+    mean = None if posterior is None else posterior[0]
+    return SharedStep(tuple(Choice(query, _likelier(query, mean)) for query in queries), acquired)
+
+
+def forget_fits(_: object = None) -> None:
+    """Drop all remembered fits of this process; they are computed again on request."""
+    with _LOCK:
+        _FITS.clear()
+
+
+def _likelier(query: Query, mean: NDArray[np.float64] | None) -> str:
+    if mean is None or query.trial_type != "model":
+        return "left"
+    return "left" if mean[query.left] >= mean[query.right] else "right"
+
+
+_LOCK = Lock()
+_FITS: LRUCache[str, LRUCache[Any, Any]] = LRUCache(MAX_LISTS)
+
+
+def _full_fits(request: SharedRequest) -> LRUCache[Any, Any]:
+    """The remembered fits of these candidates under these settings."""
+    said = json.dumps(request.settings, sort_keys=True, default=str).encode()
+    key = sha256(said + request.candidates.tobytes()).hexdigest()
+    with _LOCK:
+        fits = _FITS.get(key)
+        if fits is None:
+            fits = _FITS[key] = LRUCache(MAX_FITS)
+        return fits

@@ -31,7 +31,13 @@ _SHIPPED_FOLDER = Path(__file__).parent / "shipped"
 SHIPPED: Mapping[str, Path] = MappingProxyType(
     {
         name: _SHIPPED_FOLDER / name
-        for name in ("waste-crane", "waste-crane-env2", "waste-crane-live", "waste-crane-paper")
+        for name in (
+            "waste-crane",
+            "waste-crane-env2",
+            "waste-crane-live",
+            "waste-crane-crowd",
+            "waste-crane-paper",
+        )
     }
 )
 

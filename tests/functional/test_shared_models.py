@@ -214,7 +214,7 @@ def test_the_acquired_candidate_is_the_populations_or_each_persons(
             .join(Trial, Acquired.trial_id == Trial.id)
             .order_by(Acquired.query_index)
         )
-        best = dict(map(tuple, rows))
+        best = {row.session_id: row.candidate for row in rows}
     answers = everybodys_answers(app)
     first = answers[0].person
     optimizer = PreferenceOptimizer.replay(

@@ -24,7 +24,7 @@ from .computation import AcquiredCandidate
 #: The one method that knows several people.
 METHOD: Final = "pbpo-threshold"
 #: Full fits that are remembered for each list of candidates with its settings; and such lists.
-MAX_FITS: Final = 4
+MAX_FITS: Final = 16
 MAX_LISTS: Final = 8
 
 Pair = tuple[int, int]

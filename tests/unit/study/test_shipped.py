@@ -101,6 +101,21 @@ def test_the_texts_of_the_live_study_say_the_number_of_its_pairs() -> None:
         assert "30ペア" in texts["ja"][name]
 
 
+def test_the_study_of_a_crowd_asks_ten_pairs_for_one_model_of_all_people() -> None:
+    study = load(SHIPPED["waste-crane-crowd"])
+    [condition] = study.plan.conditions
+    assert (condition.is_shared, condition.finds) == (True, "population")
+    assert (study.plan.trials, study.plan.queries_per_trial) == (1, 10)
+    words = " ".join(in_words(study.plan))
+    assert "Under together, the answers of all people teach one model" in words
+    for name in ("consent", "instructions"):
+        english = " ".join(study.texts["en"][name].split())
+        assert "10 pairs" in english or "10 of them" in english
+        assert "10ペア" in study.texts["ja"][name]
+    # Who agrees knows that answers have a part in what others are shown.
+    assert "which pairs other people are shown" in " ".join(study.texts["en"]["consent"].split())
+
+
 PARTS = {
     "waste-crane": ("three parts of 30", "ten videos"),
     "waste-crane-env2": ("three parts of 30", "ten videos"),

@@ -14,10 +14,11 @@ factorisation of the size of all values and one of the size of each person's ans
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Final, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import lapack
 
 from .candidates import FloatArray, IndexArray
@@ -157,6 +158,14 @@ def summarised(seen: Seen, group: Group, size: int) -> Summary:
         precision[np.ix_(values, values)] += block
         natural[values] += pull
     return Summary(precision[:size, :size], natural[:size])
+
+
+def only(seen: Seen, group: Group, rows: NDArray[np.bool_]) -> tuple[Seen, Group]:
+    """Some people of a group."""
+    return (
+        Seen(*(getattr(seen, field.name)[rows] for field in fields(Seen))),
+        Group(*(getattr(group, field.name)[rows] for field in fields(Group))),
+    )
 
 
 def total_of(summaries: Sequence[Summary], size: int) -> Summary:

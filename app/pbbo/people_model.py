@@ -3,12 +3,13 @@
 Length scales and the share of taste that is people's own are averaged over by evidence, as length
 scales are for one person; noises are chosen per person (`people_noise`). A full fit chooses all of
 these. Between two full fits, whose moments depend on the number of answers alone, the people who
-answered since are fitted again and the others stay a Gaussian summary: a step then costs as much
-with two hundred people as with twenty.
+answered since the last summary are fitted again and the others stay a Gaussian factor; every few
+answers what was fitted again becomes part of the summary. A step then costs as much with two
+hundred people as with twenty.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
@@ -30,7 +31,9 @@ from .people_fit import (
     PeopleFit,
     Scale,
     Sites,
+    Summary,
     converge,
+    only,
     summarised,
     total_of,
 )
@@ -65,22 +68,25 @@ Block = Callable[[float, IndexArray], FloatArray]
 class KeptFit:
     """One kept choice of the hyperparameters, fitted.
 
-    length_scale, own_share: the choice.  scale: its prior.  fit: the posterior.
+    length_scale, own_share: the choice.  scale: its prior.  fit: the posterior.  rest: what people
+    say who were not fitted again.
     """
 
     length_scale: float
     own_share: float
     scale: Scale
     fit: PeopleFit
+    rest: Summary | None = None
 
 
 @dataclass(frozen=True, eq=False)
 class PeopleModel:
     """What everybody's answers say.
 
-    answers: those that `fits` fitted: of everybody, or of those who answered since the last full
-    fit.  noise: (people,).  noise_weights: (people, noises).  share_weights: (own_shares,), the
-    posterior of r.  length_weights: (length scales,).  fits, weights: the kept choices.
+    answers: those that `fits` fitted: of everybody, or of those who answered since the last
+    summary.  noise: (people,).  noise_weights: (people, noises).  share_weights: (own_shares,), the
+    posterior of r.  fits, weights: the kept choices.  before: the last summary, None of a full fit.
+    later: summaries after a full fit, by the answers since; they are computed once.
     """
 
     names: tuple[str, ...]
@@ -91,7 +97,8 @@ class PeopleModel:
     share_weights: FloatArray
     fits: tuple[KeptFit, ...]
     weights: FloatArray
-    full: "PeopleModel | None" = None
+    before: "PeopleModel | None" = None
+    later: "dict[tuple[PersonAnswer, ...], PeopleModel]" = field(default_factory=dict, repr=False)
 
     def population(self, n: int) -> list[FittedScale]:
         """The fits of the population's values, of n points named by row."""
@@ -156,10 +163,43 @@ class PeopleModel:
                 values = np.minimum(group.values[k], size)
                 features[:, values] = seen.features[k]
                 return features[:, :size], seen.gain[k], seen.pull[k]
-        if self.full is None:
+        if self.before is None:
             return None
-        earlier = self.full.fits[self.fits.index(kept)]
-        return self.full._told_by(earlier, name, size)
+        earlier = self.before.fits[self.fits.index(kept)]
+        return self.before._told_by(earlier, name, size)
+
+    def said_without(self, place: int, again: frozenset[int], size: int) -> Summary:
+        """What everybody but these people says, under the kept choice at this place: a factor of
+        so many values."""
+        kept = self.fits[place]
+        said = [] if kept.rest is None else [kept.rest.widened(size)]
+        here: set[int] = set()
+        for group, seen in zip(self.answers.groups, kept.fit.groups, strict=True):
+            stays = np.array([int(number) not in again for number in group.people])
+            here.update(int(number) for number in group.people)
+            if stays.any():
+                part = summarised(*only(seen, group, stays), self.answers.size)
+                said.append(part.widened(size))
+        total = total_of(said, size)
+        if self.before is None or kept.rest is None:
+            return total
+        earlier = self.before.said_by(place, again - here, size)
+        return Summary(total.precision - earlier.precision, total.natural - earlier.natural)
+
+    def said_by(self, place: int, people: frozenset[int], size: int) -> Summary:
+        """What these people say, each when they were last fitted."""
+        said = []
+        here: set[int] = set()
+        groups = self.answers.groups if people else ()
+        for group, seen in zip(groups, self.fits[place].fit.groups, strict=False):
+            asked = np.array([int(number) in people for number in group.people])
+            here.update(int(number) for number in group.people[asked])
+            if asked.any():
+                part = summarised(*only(seen, group, asked), self.answers.size)
+                said.append(part.widened(size))
+        if self.before is not None and people - here:
+            said.append(self.before.said_by(place, people - here, size))
+        return total_of(said, size)
 
 
 def numbers(points: IndexArray, n: int) -> IndexArray:
@@ -207,7 +247,13 @@ class PeopleFitter:
             full = self.full_fit(history[:first], excluded)
         if first == len(history):
             return full
-        return self._updated(full, history, first, excluded)
+        before, at = full, first
+        for count in self._people.summaries(len(history)):
+            since = tuple(history[first:count])
+            if since not in full.later:
+                full.later[since] = self._updated(before, history[:count], at, excluded)
+            before, at = full.later[since], count
+        return before if at == len(history) else self._updated(before, history, at, excluded)
 
     def scale(self, length_scale: float, own_share: float, points: IndexArray) -> Scale:
         """The prior of all values at one choice of length scale and share."""
@@ -320,52 +366,45 @@ class PeopleFitter:
 
     def _updated(
         self,
-        full: PeopleModel,
+        before: PeopleModel,
         history: Sequence[PersonAnswer],
         first: int,
         excluded: Sequence[int],
     ) -> PeopleModel:
-        """The full fit with the answers from `first` on, of the people who gave them."""
+        """The model of the first answers, with those after them, of the people who gave these."""
         recent = frozenset(answer.person for answer in history[first:])
-        points = [int(row) for row in full.points]
+        points = [int(row) for row in before.points]
         known = set(points)
         points += [row for row in points_of(history, excluded) if row not in known]
         answers = self.answers_of(history, excluded, points, recent)
-        noise = np.append(full.noise, np.ones(len(answers.names) - len(full.names)))
+        noise = np.append(before.noise, np.ones(len(answers.names) - len(before.names)))
         prior = np.array(self._people.noise_prior)
         weights = np.vstack(
-            [full.noise_weights, *[prior[None]] * (len(noise) - len(full.noise_weights))]
+            [before.noise_weights, *[prior[None]] * (len(noise) - len(before.noise_weights))]
         )
-        again = {number for number, name in enumerate(answers.names) if name in recent}
-        size = answers.size
+        again = frozenset(number for number, name in enumerate(answers.names) if name in recent)
         kept = []
-        going_on = full.fits if first <= MANY_ANSWERS else full.fits[:MOST_UPDATED]
-        for one in going_on:
-            others = []
-            for group, seen in zip(full.answers.groups, one.fit.groups, strict=True):
-                gone = np.array([int(number) in again for number in group.people])
-                silent = seen.gain * ~gone[:, None, None], seen.pull * ~gone[:, None]
-                rest = type(seen)(seen.features, seen.residual, *silent, seen.logdet)
-                others.append(summarised(rest, group, full.answers.size).widened(size))
-            fixed = total_of(others, size)
+        going_on = before.fits if first <= MANY_ANSWERS else before.fits[:MOST_UPDATED]
+        for place, one in enumerate(going_on):
+            rest = before.said_without(place, again, answers.size)
             scale = self.scale(one.length_scale, one.own_share, answers.points)
             fit = converge(
                 answers,
                 scale,
                 noise,
                 self._settings.threshold_epsilon,
-                fixed=fixed,
+                fixed=rest,
                 tolerance=UPDATED,
             )
-            kept.append(KeptFit(one.length_scale, one.own_share, scale, fit))
+            kept.append(KeptFit(one.length_scale, one.own_share, scale, fit, rest))
         return PeopleModel(
             answers.names,
             answers.points,
             answers,
             noise,
             weights,
-            full.share_weights,
+            before.share_weights,
             tuple(kept),
-            full.weights[: len(kept)] / full.weights[: len(kept)].sum(),
-            full,
+            before.weights[: len(kept)] / before.weights[: len(kept)].sum(),
+            before,
         )

@@ -25,6 +25,8 @@ class PeopleSettings:
     exact_answers: up to so many answers every step fits everything afresh.
     growth: beyond, everything is fitted afresh when the answers have grown by this factor, and
         between only the people who answered since. 1 fits everything at every step.
+    summarised_after: between two full fits, the answers so far become a summary whenever there are
+        so many more, so that a step fits at most as many people again.
     """
 
     own_shares: tuple[float, ...] = (0.0, 0.1, 0.25, 0.45, 0.7, 0.95)
@@ -34,6 +36,7 @@ class PeopleSettings:
     noise_prior: tuple[float, ...] = (0.25, 0.35, 0.2, 0.08, 0.06, 0.06)
     exact_answers: int = 12
     growth: float = 1.15
+    summarised_after: int = 8
 
     def __post_init__(self) -> None:
         for name in ("own_shares", "noises", "noise_prior"):
@@ -68,6 +71,11 @@ class PeopleSettings:
             raise SettingsError(
                 f"exact_answers: expected a whole number from 0 on, got {self.exact_answers!r}"
             )
+        after = self.summarised_after
+        if not isinstance(after, int) or isinstance(after, bool) or after < 1:
+            raise SettingsError(
+                f"summarised_after: expected a whole number from 1 on, got {after!r}"
+            )
         if self.growth < 1.0:
             raise SettingsError(f"growth: expected a factor from 1 on, got {self.growth!r}")
 
@@ -81,6 +89,12 @@ class PeopleSettings:
             if after > answers:
                 return at
             at = after
+
+    def summaries(self, answers: int) -> range:
+        """The numbers of answers after the last full fit, at most this one, at which they become
+        a summary."""
+        first = self.last_full_fit(answers)
+        return range(first + self.summarised_after, answers + 1, self.summarised_after)
 
 
 def number(name: str, value: object) -> float:

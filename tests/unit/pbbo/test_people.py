@@ -196,6 +196,24 @@ def test_the_summary_of_older_answers_says_nearly_what_they_say() -> None:
     assert summarised[1] == pytest.approx(exact[1], abs=0.15)
 
 
+def test_a_step_between_two_full_fits_fits_few_people_again_and_knows_all() -> None:
+    """A full fit of 12 answers, and summaries after 20 and 28."""
+    f = landscape((0.4, 0.6))
+    people = PeopleSettings(growth=4.0)
+    history = answers({f"p{number}": f for number in range(12)}, 3, seed=15)[:35]
+    assert list(people.summaries(35)) == [20, 28]
+    optimizer = replayed(history, people, ONE_SCALE)
+    one_by_one = replace(people, summarised_after=100)
+    exact = replayed(history, one_by_one, ONE_SCALE)
+    again = [int(number) for g in optimizer.people_model().answers.groups for number in g.people]
+    assert sorted(again) == [4, 5, 6, 7, 8, 9, 10]
+    for person in (None, "p0", "p3", "p11"):
+        mean, std = optimizer.posterior(person)
+        expected_mean, expected_std = exact.posterior(person)
+        assert np.corrcoef(mean, expected_mean)[0, 1] > 0.98
+        assert std == pytest.approx(expected_std, abs=0.1)
+
+
 def test_answers_in_the_summary_are_the_same_answered_live_and_replayed() -> None:
     f = landscape((0.4, 0.6))
     live = PreferenceOptimizer(GRID, "pbpo-threshold", seed=4)
@@ -307,6 +325,7 @@ def test_other_methods_know_one_person(method: str) -> None:
         ({"noise_prior": (1.0,)}, "noise_prior: expected a number above 0 for each of 6"),
         ({"side_variance": -1.0}, "side_variance: expected a number from 0 on"),
         ({"growth": 0.5}, "growth: expected a factor from 1 on"),
+        ({"summarised_after": 0}, "summarised_after: expected a whole number from 1 on"),
         ({"exact_answers": 1.5}, "exact_answers: expected a whole number"),
         ({"own_thresholds": "all"}, "own_thresholds: expected a finite number, got 'all'"),
     ],

@@ -81,6 +81,8 @@ def _answer(item: State) -> str | float | None:
         return None
     if item["type"] == "text":
         return "simulated"
+    if item["type"] == "choice":
+        return str(item["choices"][0]["name"])
     if item["type"] == "likert":
         return int(item["points"]) // 2 + 1
     ends = [end for end in (item["min"], item["max"]) if end is not None]

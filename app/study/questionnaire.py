@@ -5,12 +5,12 @@ from dataclasses import dataclass
 from decimal import Decimal
 from typing import Annotated, Literal
 
-from pydantic import Field, StrictBool, StrictInt, StrictStr
+from pydantic import Field, StrictBool, StrictInt, StrictStr, StringConstraints
 
 from . import numbers
 from .numbers import Doubtful
 from .parsed_plan import Inconsistency, Place, all_languages, as_list, as_mapping, repeats
-from .plan_model import ONE_OR_MORE_TEXTS, LocalText, Part
+from .plan_model import ONE_OR_MORE_TEXTS, LocalText, Part, absent
 from .typed_text import typed_length, with_line_feeds
 
 DEFAULT_POINTS = 5
@@ -18,9 +18,20 @@ DEFAULT_POINTS = 5
 LONGEST_TEXT = 2_000
 
 #: What only items of one type may say.
-_OF_TYPE = {"points": "likert", "labels": "likert", "min": "number", "max": "number"}
+_OF_TYPE = {
+    "points": "likert",
+    "labels": "likert",
+    "min": "number",
+    "max": "number",
+    "choices": "choice",
+}
+TYPES = ("likert", "number", "text", "choice")
+FEWEST_CHOICES, MOST_CHOICES = 2, 20
 
 Finite = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+
+
+ChoiceName = Annotated[StrictStr, StringConstraints(pattern=r"^[a-z0-9][a-z0-9_]{0,39}$")]
 
 
 class Item(Part):
@@ -30,7 +41,9 @@ class Item(Part):
         pattern=r"^[a-z][a-z0-9_]{0,59}$",
         description="a name of lower-case letters, digits and underscores such as how_tired",
     )
-    type: Literal["likert", "number", "text"] = Field(description="likert, number or text")
+    type: Literal["likert", "number", "text", "choice"] = Field(
+        description="likert, number, text or choice"
+    )
     label: LocalText = Field(description=ONE_OR_MORE_TEXTS)
     required: StrictBool = Field(default=True, description="true or false")
     points: StrictInt | None = Field(
@@ -38,6 +51,15 @@ class Item(Part):
     )
     labels: tuple[LocalText, ...] | None = Field(
         default=None, description="a list of two labels, for the ends, or one for each point"
+    )
+    # Left out of a plan's data where not given, so that the hashes of earlier plans stay valid.
+    choices: dict[ChoiceName, LocalText] | None = Field(
+        default=None,
+        min_length=FEWEST_CHOICES,
+        max_length=MOST_CHOICES,
+        exclude_if=absent,
+        description=f"a mapping of {FEWEST_CHOICES} to {MOST_CHOICES} names to choose from, each"
+        " with its text, such as {left: Left hand, right: Right hand}",
     )
     min: Finite | None = Field(default=None, description="the smallest number that may be given")
     max: Finite | None = Field(default=None, description="the largest number that may be given")
@@ -61,8 +83,8 @@ class Questionnaires(Part):
 class AnswerFault:
     """What is wrong with one answer.
 
-    kind: missing, likert, number, text or unknown; or doubtful, an ambiguous number that could be
-    any of `readings`, each in ASCII with a point.
+    kind: missing, likert, number, text, choice or unknown; or doubtful, an ambiguous number that
+    could be any of `readings`, each in ASCII with a point.
     """
 
     item: str
@@ -120,6 +142,8 @@ def _read(item: Item, given: object) -> str | Doubtful | None:
         if not isinstance(given, str) or typed_length(given) > LONGEST_TEXT or "\0" in given:
             return None
         return with_line_feeds(given)
+    if item.type == "choice":
+        return given if isinstance(given, str) and given in (item.choices or {}) else None
     number = _number(given)
     if isinstance(number, Doubtful):
         possible = tuple(one for one in number.readings if _takes(item, one))
@@ -138,6 +162,8 @@ def _takes(item: Item, number: Decimal) -> bool:
 def _expected(item: Item) -> str:
     if item.type == "text":
         return f"a text of up to {LONGEST_TEXT} characters"
+    if item.type == "choice":
+        return f"one of {', '.join(item.choices or {})}"
     return f"a whole number from 1 to {item.scale}" if item.type == "likert" else number_range(item)
 
 
@@ -178,10 +204,15 @@ def _item(
 ) -> Iterator[Inconsistency]:
     kind = item.get("type")
     for key, its_type in _OF_TYPE.items():
-        if item.get(key) is not None and kind in ("likert", "number", "text") and kind != its_type:
+        if item.get(key) is not None and kind in TYPES and kind != its_type:
             message = f"expected {key} for type {its_type} only, got it for type {kind}"
             yield Inconsistency((*place, key), message)
     yield from all_languages((*place, "label"), item.get("label"), languages)
+    choices = item.get("choices")
+    if kind == "choice" and choices is None:
+        yield Inconsistency((*place, "choices"), "expected choices for type choice, got none")
+    for name, text in as_mapping(choices).items():
+        yield from all_languages((*place, "choices", name), text, languages)
     labels, points = as_list(item.get("labels")), item.get("points")
     points = points if isinstance(points, int) else DEFAULT_POINTS
     if kind == "likert" and labels and len(labels) not in (2, points):

@@ -6,7 +6,7 @@ completion address, given the survey code; Mechanical Turk takes a form at `exte
 """
 
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal
 from urllib.parse import parse_qsl, quote, urlencode, urlsplit, urlunsplit
@@ -15,10 +15,12 @@ from pydantic import Field, StrictBool, StrictStr, StringConstraints
 
 from . import identifiers
 from .identifiers import Given
-from .parsed_plan import Inconsistency, as_mapping
-from .plan_model import Part
+from .parsed_plan import Inconsistency, Place, as_list, as_mapping
+from .plan_model import Part, absent
 
 NO_PLATFORM = "none"
+#: A survey tool or platform that the studio does not know, whose link has parameters of its own.
+OTHER = "other"
 
 #: The outcomes of a session that a platform distinguishes.
 Outcome = Literal["completed", "screened_out", "declined", "withdrawn", "technical"]
@@ -30,6 +32,7 @@ MTURK_FRAMES = ("https://worker.mturk.com", "https://workersandbox.mturk.com")
 _NOT_ACCEPTED = "ASSIGNMENT_ID_NOT_AVAILABLE"
 
 #: Form of an id that may become part of an address.
+_PLACE = re.compile(r"\{([A-Za-z0-9_]+)\}")
 _PLAIN_ID = re.compile(r"[A-Za-z0-9_-]{1,64}")
 
 
@@ -69,14 +72,23 @@ PLATFORMS: Mapping[str, Platform] = {
 
 _CODE_FORM = "a code of up to 60 letters, digits, - and _"
 Code = Annotated[StrictStr, StringConstraints(pattern=r"^[A-Za-z0-9_-]{1,60}$")]
+ParameterName = Annotated[StrictStr, StringConstraints(pattern=r"^[A-Za-z][A-Za-z0-9_]{0,39}$")]
 Address = Annotated[StrictStr, StringConstraints(pattern=r"^https://[^\s/]+(/\S*)?$")]
 
 
 class Recruitment(Part):
     """How participants are recruited, and how they return to the platform."""
 
-    platform: Literal["none", "prolific", "connect", "sona", "mturk"] = Field(
-        default="none", description="none, prolific, connect, sona or mturk"
+    platform: Literal["none", "prolific", "connect", "sona", "mturk", "other"] = Field(
+        default="none", description="none, prolific, connect, sona, mturk or other"
+    )
+    # Left out of a plan's data where not given, so that the hashes of earlier plans stay valid.
+    parameters: tuple[ParameterName, ...] = Field(
+        default=(),
+        max_length=5,
+        exclude_if=lambda names: not names,
+        description="for other, a list of up to 5 names of the link's parameters, that of the"
+        " person first, such as [ResponseID]",
     )
     parameter: StrictStr = Field(
         default="survey_code",
@@ -93,6 +105,12 @@ class Recruitment(Part):
         description="a mapping of completed, screened_out, declined, withdrawn or technical to"
         " an address that begins with https://",
     )
+    return_url: Address | None = Field(
+        default=None,
+        exclude_if=absent,
+        description="for other, an address that begins with https://, with {name} where the value"
+        " of a parameter belongs",
+    )
     links: Literal["open", "single-use"] = Field(default="open", description="open or single-use")
     returning: Literal["resume", "block", "again"] = Field(
         default="resume", description="resume, block or again"
@@ -105,12 +123,14 @@ class Recruitment(Part):
     )
 
     @property
-    def parameters(self) -> tuple[str, ...]:
+    def link_parameters(self) -> tuple[str, ...]:
         """The parameters of a link that are kept. Without a platform none is: it would serve for
         nothing, and the privacy page would not name it.
         """
         if self.platform == "sona":
             return (self.parameter,)
+        if self.platform == OTHER:
+            return self.parameters
         if self.platform == NO_PLATFORM:
             return ()
         return PLATFORMS[self.platform].parameters
@@ -122,7 +142,9 @@ class Recruitment(Part):
 
     @property
     def label(self) -> str | None:
-        """The platform's name for people."""
+        """The platform's name for people; of one that the studio does not know, its host."""
+        if self.platform == OTHER:
+            return urlsplit(self.return_url or next(iter(self.return_urls.values()), "")).netloc
         return PLATFORMS[self.platform].label if self.platform in PLATFORMS else None
 
 
@@ -135,7 +157,7 @@ class WayBack:
     fields: Mapping[str, str] = field(default_factory=dict)
 
 
-def study_link(platform: str, address: str, parameter: str) -> str:
+def study_link(platform: str, address: str, parameters: Sequence[str]) -> str:
     """The study's link for a platform, with the placeholders that the platform fills in.
 
     Connect and Mechanical Turk add their parameters to a plain link themselves.
@@ -145,7 +167,9 @@ def study_link(platform: str, address: str, parameter: str) -> str:
             names = PLATFORMS[platform].parameters
             return address + "?" + "&".join(f"{name}={{{{%{name}%}}}}" for name in names)
         case "sona":
-            return f"{address}?{parameter}=%SURVEY_CODE%"
+            return f"{address}?{parameters[0]}=%SURVEY_CODE%"
+        case "other":
+            return address + "?" + "&".join(f"{name}=${{{name}}}" for name in parameters)
         case _:
             return address
 
@@ -155,7 +179,7 @@ def read(recruitment: Recruitment, came: Iterable[tuple[str, str]]) -> Given:
 
     Raises UnreadableIdError.
     """
-    given = identifiers.read(recruitment.parameters, came)
+    given = identifiers.read(recruitment.link_parameters, came)
     ids = dict(given.ids)
     if "turkSubmitTo" in ids and _submit_address(ids["turkSubmitTo"]) is None:
         del ids["turkSubmitTo"]
@@ -171,13 +195,14 @@ def person(recruitment: Recruitment, ids: Mapping[str, str]) -> tuple[str, str] 
     """The parameter that identifies the person, and its value; None without one."""
     if recruitment.platform == NO_PLATFORM:
         return None
-    key = PLATFORMS[recruitment.platform].person or recruitment.parameter
+    known = PLATFORMS.get(recruitment.platform)
+    key = (known.person if known else "") or recruitment.link_parameters[0]
     return (key, ids[key]) if ids.get(key) else None
 
 
 def submission(recruitment: Recruitment, ids: Mapping[str, str]) -> tuple[str, str] | None:
     """The parameter that names the submission, and the name; None where there is none."""
-    if recruitment.platform == NO_PLATFORM:
+    if recruitment.platform not in PLATFORMS:
         return None
     key = PLATFORMS[recruitment.platform].submission
     return (key, ids[key]) if key is not None and ids.get(key) else None
@@ -196,6 +221,7 @@ def way_back(recruitment: Recruitment, outcome: Outcome, ids: Mapping[str, str])
         # Both say that no finished session is to be expected.
         code = code or recruitment.codes.get("declined")
         url = url or recruitment.return_urls.get("declined")
+    url = url or recruitment.return_url
     fields: dict[str, str] = {}
     match recruitment.platform:
         case "prolific" if code is not None:
@@ -206,6 +232,8 @@ def way_back(recruitment: Recruitment, outcome: Outcome, ids: Mapping[str, str])
                 url = f"https://connect.cloudresearch.com/participant/project/{project}/complete"
         case "sona" if outcome == "completed" and url is not None:
             url = _with_survey_code(url, ids.get(recruitment.parameter))
+        case "other" if url is not None:
+            url = _with_ids(url, ids)
         case "mturk" if outcome == "completed":
             url = _submit_address(ids.get("turkSubmitTo", ""))
             assignment = ids.get("assignmentId", "")
@@ -237,10 +265,42 @@ def disagreements(plan: Mapping[str, object]) -> Iterator[Inconsistency]:
     if platform != "prolific" and said.get("signed_links", False) is not False:
         message = f"expected it for platform prolific alone, got platform {platform}"
         yield Inconsistency((*place, "signed_links"), message)
+    yield from _of_other(place, said, platform)
     default = Recruitment.model_fields["parameter"].default
     if platform != "sona" and said.get("parameter", default) != default:
         message = f"expected it for platform sona alone, got platform {platform}"
         yield Inconsistency((*place, "parameter"), message)
+
+
+def _of_other(
+    place: Place, said: Mapping[str, object], platform: object
+) -> Iterator[Inconsistency]:
+    """Parameters of one's own, and the places for them in the addresses back."""
+    names = [name for name in as_list(said.get("parameters")) if isinstance(name, str)]
+    if platform == OTHER and not names:
+        message = "expected the names of the link's parameters, that of the person first, got none"
+        yield Inconsistency((*place, "parameters"), message)
+    if platform != OTHER and said.get("return_url") is not None:
+        message = f"expected it for platform other alone, got platform {platform}"
+        yield Inconsistency((*place, "return_url"), message)
+    if platform == OTHER and not (said.get("return_url") or said.get("return_urls")):
+        message = "expected the address that people go back to, got none"
+        yield Inconsistency((*place, "return_url"), message)
+    if platform != OTHER and names:
+        message = f"expected it for platform other alone, got platform {platform}"
+        yield Inconsistency((*place, "parameters"), message)
+    urls: dict[Place, object] = {("return_url",): said.get("return_url")}
+    urls |= {("return_urls", key): url for key, url in as_mapping(said.get("return_urls")).items()}
+    for where, url in urls.items():
+        if platform != OTHER or not isinstance(url, str):
+            continue
+        for name in _PLACE.findall(url):
+            if name not in names:
+                message = f"expected one of the parameters in braces ({', '.join(names)})"
+                yield Inconsistency((*place, *where), f"{message}, got {name!r}")
+        if "{" in url.removeprefix("https://").split("/")[0]:
+            message = "expected a parameter after the host's name only, got one within it"
+            yield Inconsistency((*place, *where), message)
 
 
 def _with_survey_code(url: str, survey_code: str | None) -> str | None:
@@ -250,6 +310,13 @@ def _with_survey_code(url: str, survey_code: str | None) -> str | None:
     parts = urlsplit(url)
     others = [pair for pair in parse_qsl(parts.query) if pair[0] != "survey_code"]
     return urlunsplit(parts._replace(query=urlencode([*others, ("survey_code", survey_code)])))
+
+
+def _with_ids(url: str, ids: Mapping[str, str]) -> str | None:
+    """The address with each {name} as the value that came; None where one did not come."""
+    if any(name not in ids for name in _PLACE.findall(url)):
+        return None
+    return _PLACE.sub(lambda place: quote(ids[place[1]], safe=""), url)
 
 
 def _submit_address(turk_submit_to: str) -> str | None:

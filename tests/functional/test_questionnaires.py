@@ -11,6 +11,7 @@ from app.services.context import AppContext
 from app.services.studies import repository
 from app.services.studies.repository import StudyInfo
 from app.web.http import translations
+from app.web.http.security import session_cookie
 from app.web.http.translations import Wording
 from tests.conftest import SHORT_PLAN, Clock, StudyShelf
 
@@ -69,6 +70,25 @@ def test_answers_lead_on_and_come_out_in_an_export(
         [-1, "age", "number", "40"],
         [-1, "remarks", "text", "'=1+1"],
     ]
+
+
+def test_one_of_several_answers_is_chosen_on_the_page(
+    client: Api, app: AppContext, study_shelf: StudyShelf, request: pytest.FixtureRequest
+) -> None:
+    effort = (
+        '{name: effort, type: likert, points: 7, label: "How hard was it?", labels: [Easy, Hard]}'
+    )
+    hand = '{name: hand, type: choice, label: "Which hand?", choices: {left: <Left>, both: Both}}'
+    study_shelf.put_into(app, ASKING_PLAN.replace(effort, hand))
+    api_token = request.getfixturevalue("api_token")
+    session = to_the_questions(client)
+    client.cookies.set(session_cookie("short"), session.token)
+    assert "&lt;Left&gt;" in client.get("/s/short").text
+    refused = client.post("/s/short/questionnaire", data={"hand": "right"})
+    assert "Please choose one of these." in refused.text
+    assert client.post("/s/short/questionnaire", data={"hand": "both"}).status_code == 303
+    (row,) = client.table("questionnaires", api_token).to_dict("records")
+    assert (row["type"], row["value"]) == ("choice", "both")
 
 
 def test_answers_that_cannot_be_taken_are_all_named_and_none_is_kept(

@@ -278,7 +278,7 @@ def _given(plan: Plan, came: Mapping[str, str]) -> Given:
     Raises UndeclaredIdentifierError for a key that the plan's platform does not add to its links,
     and IdsRefusedError.
     """
-    declared = plan.recruitment.parameters
+    declared = plan.recruitment.link_parameters
     names = {name.casefold() for name in declared}
     unknown = [key for key in came if key.casefold() not in names]
     if unknown:

@@ -160,7 +160,7 @@ def topics(plan: Plan, *, videos_elsewhere: bool) -> tuple[Topic, ...]:
         Topic.NOT_EVALUATORS: True,
         Topic.DEVICE: plan.device_check is None,
         Topic.QUESTIONS: not asks,
-        Topic.IDENTIFIERS: not plan.recruitment.parameters,
+        Topic.IDENTIFIERS: not plan.recruitment.link_parameters,
         Topic.PERSONAL_LINK: plan.recruitment.links != "single-use",
         Topic.VIDEOS_ELSEWHERE: not videos_elsewhere,
         Topic.OTHER_SITES: videos_elsewhere,

@@ -211,8 +211,12 @@ def _questionnaires_columns(_plan: Plan) -> tuple[Column, ...]:
         SESSION,
         integer("trial_index", "Trial that was just finished, from 0; -1 for what ends the study."),
         text("item", "Name of the item."),
-        text("type", "likert, number or text."),
-        text("value", "The answer; a likert item counts its points from 1. Empty: not answered."),
+        text("type", "likert, number, text or choice."),
+        text(
+            "value",
+            "The answer; a likert item counts its points from 1, a choice has its name. Empty: not"
+            " answered.",
+        ),
         moment("answered_at", "When the server stored the answer."),
     )
 

@@ -20,6 +20,7 @@ from app.storage.models.studies import SessionRow
 from app.study import markdown as study_markdown
 from app.study.plan import Plan
 from app.study.query_settings import WORDS as QUERY_WORDS
+from app.study.questionnaire import Item
 from app.study.stages import AFTER_TRIAL, AT_THE_END, FINAL_STAGES, Progress, Stage, position
 from app.study.time_left import seconds_left
 
@@ -177,10 +178,19 @@ def _questionnaire(plan: Plan, page: int, language: str) -> dict[str, Any]:
                 "labels": [plan.text(label, language) for label in item.labels or ()],
                 "min": item.min,
                 "max": item.max,
+                **_choices(plan, item, language),
             }
             for item in plan.items(page)
         ],
     }
+
+
+def _choices(plan: Plan, item: Item, language: str) -> dict[str, Any]:
+    """The `choices` of an item to choose from; no key for others."""
+    if item.choices is None:
+        return {}
+    texts = item.choices.items()
+    return {"choices": [{"name": name, "label": plan.text(text, language)} for name, text in texts]}
 
 
 def _skip(plan: Plan, session: SessionRow, trial_index: int) -> dict[str, str] | None:

@@ -80,7 +80,7 @@ class Familiarisation(BaseModel):
 
 
 class Reason(BaseModel):
-    """A reason that can be chosen for a skip."""
+    """A reason for a skip, or an answer, that can be chosen."""
 
     name: str
     label: str
@@ -137,6 +137,7 @@ class Item(BaseModel):
     labels: list[str]
     min: float | None
     max: float | None
+    choices: list[Reason] = Field(default=[], description="Of type choice: its name is sent.")
 
 
 class Questionnaire(BaseModel):

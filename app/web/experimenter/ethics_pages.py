@@ -38,7 +38,7 @@ def ethics(study: DesignOf, request: Request, app: AppDep, caller: SignedIn) -> 
         has_machines=any(
             one.is_machine and not one.is_crane_machine for one in study.plan.environments.values()
         ),
-        keeps_identifiers=bool(study.plan.recruitment.parameters),
+        keeps_identifiers=bool(study.plan.recruitment.link_parameters),
         told=sentences(app, study.plan, Wording()),
         expires_days=study.plan.session_expires_after_days,
         ties=sharing.members(app, study.slug),

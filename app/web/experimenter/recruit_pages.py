@@ -17,6 +17,7 @@ from app.services.studies import lifecycle
 from app.services.studies.repository import StudyInfo
 from app.study.recruitment import (
     NO_PLATFORM,
+    OTHER,
     PLATFORMS,
     Outcome,
     Recruitment,
@@ -145,18 +146,21 @@ def _links(recruitment: Recruitment, address: str) -> list[dict[str, Any]]:
     """The link for each platform; the plan's own platform comes first."""
     labels = {NO_PLATFORM: "A link of your own"}
     labels |= {name: platform.label for name, platform in PLATFORMS.items()}
+    if recruitment.platform == OTHER:
+        labels[OTHER] = recruitment.label or OTHER
     added = {
         "connect": "Connect adds its parameters to it.",
         "mturk": "Mechanical Turk adds its parameters to it, as an external question.",
         "prolific": "Choose the address parameters when you set the study up at Prolific.",
         "sona": "SONA fills the survey code in.",
+        "other": "In place of ${...} comes what the other site puts there, such as piped text.",
     }
     names = sorted(labels, key=lambda name: name != recruitment.platform)
     return [
         {
             "key": name,
             "label": labels[name],
-            "address": study_link(name, address, recruitment.parameter),
+            "address": study_link(name, address, _parameters(recruitment, name)),
             "note": added.get(name, ""),
             "is_chosen": name == recruitment.platform,
         }
@@ -164,8 +168,14 @@ def _links(recruitment: Recruitment, address: str) -> list[dict[str, Any]]:
     ]
 
 
+def _parameters(recruitment: Recruitment, platform: str) -> tuple[str, ...]:
+    return (recruitment.parameter,) if platform == "sona" else recruitment.parameters
+
+
 def _ways_back(recruitment: Recruitment) -> Any:
+    # Of one's own parameters, their names in braces stand in their places.
+    names = {name: f"{{{name}}}" for name in recruitment.parameters}
     for outcome in get_args(Outcome):
-        way = way_back(recruitment, outcome, {})
+        way = way_back(recruitment, outcome, names)
         if way is not None:
             yield {"outcome": outcome.replace("_", " "), "code": way.code, "url": way.url}

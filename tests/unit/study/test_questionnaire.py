@@ -81,7 +81,7 @@ def test_a_text_that_is_too_long_is_named_and_all_faults_come_at_once() -> None:
         (
             "type: likert",
             "type: scale",
-            "questionnaires.end[0].type: expected likert, number or text, got 'scale'",
+            "questionnaires.end[0].type: expected likert, number, text or choice, got 'scale'",
         ),
         (
             "type: likert",
@@ -112,7 +112,7 @@ def test_a_text_that_is_too_long_is_named_and_all_faults_come_at_once() -> None:
             "nome: age",
             (
                 "questionnaires.end[1].nome: unknown key, expected one of name, type, label,"
-                " required, points, labels, min, max (did you mean name?)"
+                " required, points, labels, choices, min, max (did you mean name?)"
             ),
         ),
     ],
@@ -177,3 +177,18 @@ def test_a_text_that_its_field_takes_is_stored_with_the_line_breaks_of_the_field
 def test_a_text_that_its_field_does_not_take_is_too_long(text: str) -> None:
     _, faults = read_answers(ITEMS, {"effort": 1, "remarks": text})
     assert [(fault.item, fault.kind) for fault in faults] == [("remarks", "text")]
+
+
+HAND = Item.model_validate(
+    {"name": "hand", "type": "choice", "label": "Hand?", "choices": {"left": "L", "right": "R"}}
+)
+
+
+def test_one_of_the_choices_is_an_answer_and_is_stored_by_its_name() -> None:
+    assert read_answers([HAND], {"hand": "right"}) == ({"hand": "right"}, [])
+    for other in ("R", 1, "both"):
+        _, (fault,) = read_answers([HAND], {"hand": other})
+        assert (fault.kind, fault.message) == (
+            "choice",
+            f"expected one of left, right, got {other!r}",
+        )

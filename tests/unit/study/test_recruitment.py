@@ -14,6 +14,7 @@ from app.study.recruitment import (
     WayBack,
     is_mturk_preview,
     kept,
+    person,
     way_back,
 )
 
@@ -186,7 +187,10 @@ def test_recruitment_that_agrees_has_no_fault(
     [
         (
             "recruitment: {platform: facebook}",
-            "recruitment.platform: expected none, prolific, connect, sona or mturk, got 'facebook'",
+            (
+                "recruitment.platform: expected none, prolific, connect, sona, mturk or other,"
+                " got 'facebook'"
+            ),
         ),
         (
             "recruitment: {platform: prolific, codes: {declined: D}}",
@@ -245,3 +249,48 @@ def test_a_fault_in_the_recruitment_is_named(
 ) -> None:
     recruitment(folder, edit, text)
     assert faults(folder) == [f"study.yaml:20: {expected}"]
+
+
+OTHER = Recruitment.model_validate(
+    {
+        "platform": "other",
+        "parameters": ["ResponseID", "batch"],
+        "return_url": "https://lab.qualtrics.com/jfe/form/SV_1?id={ResponseID}&b={batch}",
+        "return_urls": {"declined": "https://lab.qualtrics.com/no"},
+    }
+)
+
+
+def test_another_site_has_its_own_parameters_and_gets_them_back() -> None:
+    ids = kept(OTHER, {"responseid": "R_1 &x", "batch": "7", "utm": "mail"})
+    assert ids == {"ResponseID": "R_1 &x", "batch": "7"}
+    assert person(OTHER, ids) == ("ResponseID", "R_1 &x")
+    way = way_back(OTHER, "completed", ids)
+    assert way == WayBack(None, "https://lab.qualtrics.com/jfe/form/SV_1?id=R_1%20%26x&b=7")
+    assert way_back(OTHER, "completed", {"batch": "7"}) is None
+    assert way_back(OTHER, "withdrawn", {}) == WayBack(None, "https://lab.qualtrics.com/no")
+    assert OTHER.label == "lab.qualtrics.com"
+
+
+@pytest.mark.parametrize(
+    ("recruitment", "expected"),
+    [
+        ("{platform: other, return_url: 'https://a.example/'}", "recruitment.parameters: expected"),
+        ("{platform: other, parameters: [id]}", "recruitment.return_url: expected the address"),
+        (
+            "{platform: other, parameters: [id], return_url: 'https://a.example/?i={ID}'}",
+            "expected one of the parameters in braces (id), got 'ID'",
+        ),
+        (
+            "{platform: other, parameters: [id], return_url: 'https://{id}.example/'}",
+            "expected a parameter after the host's name only",
+        ),
+        ("{parameters: [id]}", "expected it for platform other alone, got platform none"),
+    ],
+)
+def test_what_another_site_lacks_is_named(
+    folder: Path, edit: Edit, faults: Faults, recruitment: str, expected: str
+) -> None:
+    text = f"queries_per_trial: 4\nrecruitment: {recruitment}"
+    edit(folder / "study.yaml", "queries_per_trial: 4", text)
+    assert expected in "\n".join(faults(folder))

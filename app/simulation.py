@@ -5,11 +5,10 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable, Hashable, Mapping
 from concurrent.futures import Future
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
 from functools import partial
-from pathlib import PurePosixPath
-from typing import Any, TypeVar
+from typing import Any, Self, TypeVar
 
 import httpx
 import numpy as np
@@ -17,28 +16,21 @@ from sqlalchemy import select
 
 from app.lab.evaluators import Certain, Evaluator, SkipsEqual, Uncertain
 from app.lab.session_bot import walk
-from app.lab.session_people import ScoredRecording, SimulatedPeople, session_person
+from app.lab.session_people import SessionPerson, SimulatedPeople, session_person
 from app.services.accounts.accounts import Principal, Role
 from app.services.background.job_function import JobHandler, ProgressCallback
 from app.services.background.local import LocalBackground
 from app.services.bootstrap import open_app
 from app.services.context import AppContext, utc_now
-from app.services.runtime.errors import ConflictError
 from app.services.runtime.settings import Settings
 from app.services.sessions import simulated_evaluators
 from app.services.studies import repository, simulation_results
 from app.storage.database import Database
-from app.storage.models.studies import (
-    Candidate,
-    QueryRow,
-    Recording,
-    SessionRow,
-    Study,
-    Trial,
-)
+from app.storage.models.studies import QueryRow, SessionRow, Study, Trial
 from app.web.http.security import optional_experimenter
 
 from .main import create_app
+from .simulated_recordings import Machines, Scale, Scores
 
 T = TypeVar("T")
 
@@ -90,13 +82,44 @@ class NothingAhead(LocalBackground):
 
 
 @dataclass(frozen=True)
-class Simulated:
-    """What came of a simulation, and how its evaluators decided."""
+class Habits:
+    """How the evaluators of a session decide.
 
-    completed: int
-    skip_below: float
+    skip_below: they skip, where they may, when both scores lie below it; None: never. eta: the
+    steepness of their choices; None: they are certain.
+    """
+
+    skip_below: float | None
     equal_within: float
     eta: float | None
+
+    @classmethod
+    def by(cls, scale: Scale, kind: str, eta: float | None) -> Self:
+        """Those of a kind of evaluator that expects scores of this scale; eta: if it is given."""
+        spread = scale.spread if scale.mean is not None else 1.0
+        steepness = ETA_PER_SPREAD / max(spread, 1e-12) if eta is None else eta
+        return cls(
+            scale.mean, EQUAL_WITHIN_SPREAD * spread, steepness if kind == "uncertain" else None
+        )
+
+    def evaluator(self, rng: np.random.Generator) -> Evaluator:
+        """An evaluator who decides so."""
+        if self.eta is None:
+            return Certain(self.skip_below)
+        return Uncertain(rng, self.skip_below, self.eta)
+
+    def as_json(self) -> dict[str, Any]:
+        """As they are stored with a session."""
+        eta = {} if self.eta is None else {"eta": self.eta}
+        return {"skip_below": self.skip_below, "equal_within": self.equal_within, **eta}
+
+
+@dataclass(frozen=True)
+class Simulated:
+    """What came of a simulation, and how its last evaluator decided."""
+
+    completed: int
+    habits: Habits
     people: SimulatedPeople | None = None
 
     def in_words(self) -> str:
@@ -106,13 +129,18 @@ class Simulated:
                 f"{self.people.own_share:.0%} of the variance of their taste was their own."
                 f" Not reliable were: {', '.join(self.people.unreliable) or 'none'}."
             )
+        below, eta = self.habits.skip_below, self.habits.eta
         said = (
-            f"They skipped, where they could, when both scores lay below {self.skip_below:.4g};"
-            f" under {SKIPS_MEAN_EQUAL}, when the two differed by less than"
-            f" {self.equal_within:.4g}."
+            "They never skipped, for want of a score to compare with;"
+            if below is None
+            else f"They skipped, where they could, when both scores lay below {below:.4g};"
         )
-        if self.eta is not None:
-            said += f" Their choices had a steepness (eta) of {self.eta:.4g} per unit of score."
+        said += (
+            f" under {SKIPS_MEAN_EQUAL}, when the two differed by less than"
+            f" {self.habits.equal_within:.4g}."
+        )
+        if eta is not None:
+            said += f" Their choices had a steepness (eta) of {eta:.4g} per unit of score."
         return said
 
 
@@ -199,52 +227,50 @@ async def _run(
     report: ProgressCallback,
     people: SimulatedPeople | None,
 ) -> Simulated:
-    recordings = _recordings(app, slug)
-    scores: Mapping[int, float] = {one.key: one.score for one in recordings}
-    values = np.array(list(scores.values()))
-    spread = float(values.std())
-    skip_below, equal_within = float(values.mean()), EQUAL_WITHIN_SPREAD * spread
-    eta = ETA_PER_SPREAD / max(spread, 1e-12) if eta is None else eta
-    settings: dict[str, Any] = {"skip_below": skip_below, "equal_within": equal_within}
-    if kind == "uncertain":
-        settings["eta"] = eta
-
-    def score_of(url: str) -> float:
-        # Of the evaluator whose session is walked.
-        shown = app.addresses.opened(PurePosixPath(url).stem)
-        assert shown is not None  # the session was just given it
-        return scores[shown.recording_id]
-
+    scores = Scores(app, repository.find(app, slug))
+    if people is not None:
+        scores.require_all_recorded()
+    done = Simulated(0, Habits.by(scores.scale(), kind, eta), people)
     application = create_app(app=app)
     application.dependency_overrides[optional_experimenter] = lambda: SIMULATOR
     transport = httpx.ASGITransport(application)
-    completed = 0
-    async with httpx.AsyncClient(transport=transport, base_url="http://simulation") as client:
-        for index in indices:
-            clock.begin_again()
-            rng = np.random.default_rng([seed, index])
-            usual: Evaluator = (
-                Certain(skip_below) if kind == "certain" else Uncertain(rng, skip_below, eta)
-            )
-            evaluator = {"kind": kind, "seed": seed, "index": index, **settings}
-            if people is not None:
-                one = session_person(people, index, recordings, seed, eta * spread)
-                usual, scores = one.evaluator, one.scores
-                told = {"people": people.people, "eta": eta, "equal_within": equal_within}
-                evaluator = {"kind": "people", "seed": seed, "index": index, **told, **one.settings}
-            state = await walk(
-                client,
-                slug,
-                _by_method(app, usual, SkipsEqual(usual, equal_within)),
-                score_of,
-                mode="simulated",
-                api_token="",
-                wait=clock.wait,
-                began=partial(_began, app, evaluator),
-            )
-            completed += state["stage"] == "completed"
-            report(index + 1, indices.stop)
-    return Simulated(completed, skip_below, equal_within, settings.get("eta"), people)
+    machines = Machines(app)
+    try:
+        async with httpx.AsyncClient(transport=transport, base_url="http://simulation") as client:
+            for index in indices:
+                clock.begin_again()
+                rng = np.random.default_rng([seed, index])
+                done = replace(done, habits=Habits.by(scores.scale(), kind, eta))
+                usual = done.habits.evaluator(rng)
+                evaluator = {"kind": kind, "seed": seed, "index": index, **done.habits.as_json()}
+                if people is not None:
+                    one = _person(people, index, scores, seed, eta)
+                    usual = one.evaluator
+                    scores.as_judged_by(one)
+                    evaluator |= {"kind": "people", "people": people.people, **one.settings}
+                state = await walk(
+                    client,
+                    slug,
+                    _by_method(app, usual, SkipsEqual(usual, done.habits.equal_within)),
+                    scores.of,
+                    mode="simulated",
+                    api_token="",
+                    wait=clock.wait,
+                    recording=machines.work,
+                    began=partial(_began, app, evaluator),
+                )
+                done = replace(done, completed=done.completed + (state["stage"] == "completed"))
+                report(index + 1, indices.stop)
+    finally:
+        machines.close()
+    return done
+
+
+def _person(
+    people: SimulatedPeople, index: int, scores: Scores, seed: int, eta: float | None
+) -> SessionPerson:
+    steepness = ETA_PER_SPREAD if eta is None else eta * scores.scale().spread
+    return session_person(people, index, scores.recordings, seed, steepness)
 
 
 def _began(app: AppContext, evaluator: Mapping[str, Any], token: str) -> None:
@@ -266,31 +292,3 @@ def _by_method(
         return where_hard if method == SKIPS_MEAN_EQUAL else usual
 
     return evaluator_of
-
-
-def _recordings(app: AppContext, slug: str) -> list[ScoredRecording]:
-    """The recordings of a study by key. Raises ConflictError if one has no score."""
-    study = repository.find(app, slug)
-    with app.database.read() as db:
-        rows = db.execute(
-            select(Recording.id, Recording.score, Candidate)
-            .join(Candidate, Recording.candidate_id == Candidate.id)
-            .where(Candidate.study_id == study.id)
-            .order_by(Recording.id)
-        ).all()
-    scored = [
-        ScoredRecording(
-            key,
-            candidate.environment,
-            candidate.candidate_index,
-            tuple(float(value) for value in candidate.parameters.values()),
-            score,
-        )
-        for key, score, candidate in rows
-        if score is not None
-    ]
-    if len(scored) < len(rows):
-        raise ConflictError(
-            "expected a score for every recording, since simulated evaluators answer from them"
-        )
-    return scored

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Awaitable, Callable
 from typing import Any
 
@@ -13,6 +14,13 @@ State = dict[str, Any]
 
 #: What a simulated evaluator says that it took to answer, in milliseconds.
 RT_MS = 12_000.0
+#: Seconds between two looks at a pair that a machine is to record.
+LOOK_EVERY_S = 0.25
+
+
+async def look_again_soon(_waiting: State) -> None:
+    """Let machines elsewhere record what a pair waits for."""
+    await asyncio.sleep(LOOK_EVERY_S)
 
 
 async def walk(
@@ -24,14 +32,16 @@ async def walk(
     mode: str,
     api_token: str,
     wait: Callable[[float], Awaitable[None]],
+    recording: Callable[[State], Awaitable[None]] = look_again_soon,
     began: Callable[[str], None] = lambda _token: None,
     answered: Callable[[], None] = lambda: None,
 ) -> State:
     """From arrival to completion; the state in the end.
 
     evaluator_of: who answers a query, of its id. score_of: g of a recording, of its address. wait:
-    lets that many seconds pass. began: told the session's token. Raises httpx.HTTPStatusError for
-    any answer that is not a success.
+    lets that many seconds pass. recording: called with `waiting` of the state, again and again,
+    while a machine has to record the pair. began: told the session's token. Raises
+    httpx.HTTPStatusError for any answer that is not a success.
     """
     started = await _call(
         client, "POST", f"/api/v1/studies/{slug}/sessions", api_token, {"mode": mode}
@@ -39,6 +49,10 @@ async def walk(
     token, state = started["token"], started["session"]
     began(token)
     while state["stage"] not in ("completed", "withdrawn", "declined"):
+        if state["stage"] == "query" and state["query"] is None:
+            await recording(state["waiting"])
+            state = await _call(client, "GET", "/api/v1/session", token, None)
+            continue
         match state["stage"]:
             case "consent":
                 body: State | None = {"version": state["consent"]["version"]}

@@ -29,11 +29,11 @@ parameters:
   - {name: w1, unit: s, min: 0, max: 1}
 constraints: [w0 >= w1]
 environments:
-  pit: {source: machine, rollout: {ROLLOUT}}
+  env1: {source: {SOURCE}, rollout: {ROLLOUT}}
 conditions:
   - name: threshold
     method: pbpo-threshold
-    environment: pit
+    environment: env1
     skip: {label: Neither}
     settings: {threshold_covering: 2}
 trials_per_condition: 1
@@ -107,13 +107,19 @@ class ScriptedMachine:
 
 
 def open_live_study(
-    app: AppContext, folder: Path, *, rollout: str = "{}", more: str = "", queries: int = 6
+    app: AppContext,
+    folder: Path,
+    *,
+    rollout: str = "{}",
+    more: str = "",
+    queries: int = 6,
+    source: str = "machine",
 ) -> StudyInfo:
     """The open study.
 
     rollout: its settings of rollouts, as YAML. more: further lines of its plan.
     """
-    plan = PLAN.replace("{ROLLOUT}", rollout) + more
+    plan = PLAN.replace("{ROLLOUT}", rollout).replace("{SOURCE}", source) + more
     plan = plan.replace("queries_per_trial: 6", f"queries_per_trial: {queries}")
     write_study(folder, plan)
     repository.create(app, repository.load_folder(str(folder)))

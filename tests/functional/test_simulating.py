@@ -12,20 +12,28 @@ import pandas as pd
 import pytest
 from sqlalchemy import select
 
+from app import simulated_recordings
+from app.crane import single_run
 from app.lab.session_people import SimulatedPeople
 from app.services.accounts import audit_log
 from app.services.accounts.accounts import Role
 from app.services.background.interface import Background
 from app.services.background.job_function import JobHandler
 from app.services.context import AppContext
+from app.services.runtime.errors import ConflictError
+from app.services.sessions.replay import replay
 from app.services.studies import repository, simulation_results
 from app.services.studies.repository import StudyInfo
 from app.simulation import JOBS, completed_simulated, run, simulate_job
+from app.storage.models.rollouts import Rollout
 from app.storage.models.studies import SessionRow
 
 from .client import Api
 from .desk import Desk
+from .machine_study import video_bytes
+from .over_space import open_live_study
 from .own_study import RECORDINGS, write_own_study
+from .test_crane_machine import AtOnce as RendersAtOnce
 from .test_jobs import AtOnce
 
 
@@ -210,3 +218,38 @@ def test_what_cannot_be_simulated_is_refused_in_a_sentence(
     assert "a score for every recording" in refused.text
     for wrong in ({"sessions": "0"}, {"sessions": "9999"}, {"evaluator": "nobody"}, {"seed": "-1"}):
         assert desk.post("/studies/kettles/simulate", **{**form, **wrong}).status_code == 422
+
+
+def test_the_crane_records_what_simulated_evaluators_choose_among(
+    app: AppContext, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def seen(_environment: str, point: tuple[float, float], _seed: int, path: Path) -> object:
+        path.write_bytes(video_bytes())
+        return single_run.RecordedRun(-100 * abs(point[0] - 0.6), (0.0,))
+
+    monkeypatch.setattr(single_run, "record", seen)
+    monkeypatch.setattr(simulated_recordings, "LocalBackground", RendersAtOnce)
+    live = open_live_study(app, tmp_path / "study", source="machine crane", queries=3)
+    done = run(app.settings, "live", 1, "certain", 0)
+    assert done.completed == 1
+    # The published runs of the crane are the scale, since nothing was recorded before.
+    assert "when both scores lay below -69" in done.in_words()
+    with app.database.read() as db:
+        rollouts = db.scalars(select(Rollout)).all()
+        evaluator = db.scalars(select(SessionRow.evaluator)).one()
+    assert {one.status for one in rollouts} == {"recorded"}
+    # Two for the first pair, one for each that follows, and none that was not looked at.
+    assert len(rollouts) == 4
+    assert evaluator is not None
+    assert evaluator["skip_below"] == done.habits.skip_below
+    assert [trial.differences for trial in replay(app, "live")] == [()]
+    assert simulation_results.designs(app, live) == []
+
+
+def test_a_simulation_waits_for_a_machine_and_says_when_there_is_none(
+    app: AppContext, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(simulated_recordings, "MACHINE_MISSED_S", 0.1)
+    open_live_study(app, tmp_path / "study")
+    with pytest.raises(ConflictError, match="none has been connected"):
+        run(app.settings, "live", 1, "uncertain", 0)

@@ -28,7 +28,8 @@ ALLOWED: dict[str, frozenset[str]] = {
     "main": PURE | {"storage", "figures", "services", "web"},
     "server": frozenset({"services", "web", "main", "simulation"}),
     "worker": frozenset({"services", "simulation", "storage"}),
-    "simulation": PURE | {"storage", "services", "lab", "web", "main"},
+    "simulated_recordings": PURE | {"storage", "services", "lab"},
+    "simulation": PURE | {"storage", "services", "lab", "web", "main", "simulated_recordings"},
     "commands": PURE | {"services", "server", "worker", "simulation", "main", "lab"},
     "cli": PURE | {"services", "commands", "server", "simulation", "main", "lab"},
 }

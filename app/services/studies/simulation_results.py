@@ -151,7 +151,12 @@ def duration(app: AppContext, study: StudyInfo) -> Duration | None:
 
 
 def designs(app: AppContext, study: StudyInfo) -> list[Design]:
-    """The analyses of the study's completed simulated sessions, one for each kind of evaluator."""
+    """The analyses of the study's completed simulated sessions, one for each kind of evaluator.
+
+    None of a study over ranges: what is acquired there is hardly ever recorded, and has no score.
+    """
+    if study.plan.has_ranges:
+        return []
     with app.database.read() as db:
         scores = mean_scores(db, study.id)
         curves = _curves(db, study.id, scores)

@@ -16,6 +16,7 @@ from app.services.accounts import audit_log
 from app.services.context import AppContext
 from app.services.rollouts import interventions, machines
 from app.services.runtime.errors import ConflictError, NotFoundError
+from app.services.sessions import box_withdrawal
 from app.services.studies import repository
 from app.services.studies.repository import StudyInfo
 from app.storage.models.rollouts import Rollout
@@ -121,13 +122,13 @@ def test_responses_to_a_withdrawn_recording_leave_the_model_and_stay_in_the_reco
     asked = ask(app, candidates[0])
     robot.claimed()
     with pytest.raises(ConflictError):
-        interventions.withdraw(app, "robot", asked, "out of focus")
+        box_withdrawal.withdraw(app, "robot", asked, "out of focus")
     robot.put(asked, video_bytes())
     judged = _query(app, asked, 0, is_answered=True)
     shown = _query(app, asked, 1, is_answered=False)
     with pytest.raises(ConflictError, match="reason"):
-        interventions.withdraw(app, "robot", asked, "  ")
-    assert interventions.withdraw(app, "robot", asked, "out of focus", "ada@lab.example") == 1
+        box_withdrawal.withdraw(app, "robot", asked, "  ")
+    assert box_withdrawal.withdraw(app, "robot", asked, "out of focus", "ada@lab.example") == 1
     assert status(app, asked) == "withdrawn"
     with app.database.read() as db:
         assert db.get_one(QueryRow, judged).withdrawn_at == app.now()
@@ -153,7 +154,7 @@ def test_what_a_machine_recorded_from_a_time_on_is_withdrawn_and_nothing_before(
         recorded.append(asked)
         clock.forward(3600)
     since = clock.now() - timedelta(hours=2)
-    assert interventions.withdraw_machine(app, "robot", "bad", since, "bent arm") == (2, 0)
+    assert box_withdrawal.withdraw_machine(app, "robot", "bad", since, "bent arm") == (2, 0)
     assert [status(app, asked) for asked in recorded] == [
         "recorded",
         "recorded",
@@ -161,7 +162,7 @@ def test_what_a_machine_recorded_from_a_time_on_is_withdrawn_and_nothing_before(
         "withdrawn",
     ]
     with pytest.raises(NotFoundError):
-        interventions.withdraw_machine(app, "robot", "nobody", since, "bent arm")
+        box_withdrawal.withdraw_machine(app, "robot", "nobody", since, "bent arm")
 
 
 def test_the_table_of_rollouts_tells_all_of_each(

@@ -13,12 +13,22 @@ from sqlalchemy import select
 from app.pbbo import Box
 from app.services.background.interface import Background
 from app.services.context import AppContext
+from app.services.maintenance import retention
 from app.services.proposals.computation import FitProcess
-from app.services.rollouts import outcomes, states
+from app.services.rollouts import states
+from app.services.runtime.ids import receipt_code
+from app.services.sessions import box_withdrawal, withdrawal
 from app.services.sessions.replay import replay
 from app.storage.models.rollouts import Rollout
-from app.storage.models.studies import Acquired, Candidate, PreferenceRow, QueryRow
-from tests.conftest import Idle
+from app.storage.models.studies import (
+    Acquired,
+    Candidate,
+    Participant,
+    PreferenceRow,
+    QueryRow,
+    Response,
+)
+from tests.conftest import Clock, Idle
 
 from .client import Api, Session
 from .over_space import ScriptedMachine, open_live_study, to_first_pair, wait_for_pair
@@ -248,22 +258,98 @@ def test_responses_to_withdrawn_recordings_leave_the_model_and_stay_in_the_recor
     open_live_study(app, tmp_path / "study")
     person = to_first_pair(client, machine)
     answer(app, person, machine, 2)
-    with app.database.write() as db:
-        row = db.scalars(select(QueryRow).where(QueryRow.query_index == 1)).one()
-        rollout = db.get_one(Rollout, row.left_rollout_id)
-        outcomes.withdraw(db, [rollout], "the camera had moved", app.now())
-        gone = db.scalars(
-            select(QueryRow.query_index).where(QueryRow.withdrawn_at.is_not(None))
-        ).all()
+    gone = withdraw_shown_at(app, 1)
     assert 1 in gone
+    assert differences(app) == []
     answer(app, person, machine, 4)
     assert person.state["stage"] == "debrief"
     with app.database.read() as db:
         learnt = db.scalars(select(PreferenceRow.query_index)).all()
         last = db.scalars(select(QueryRow).where(QueryRow.query_index == 5)).one()
-    assert not set(gone) & set(learnt)
-    assert not set(gone) & set((last.proposed_from or {})["answered"])
+    assert not gone & set(learnt)
+    assert not gone & set((last.proposed_from or {})["answered"])
     assert differences(app) == []
+
+    # The trial has ended: what follows from the others is derived anew all the same.
+    more = withdraw_shown_at(app, 5) - gone
+    assert more
+    with app.database.read() as db:
+        rows = db.scalars(select(PreferenceRow).order_by(PreferenceRow.preference_index)).all()
+        acquired = db.scalars(select(Acquired).order_by(Acquired.query_index)).all()
+        assert db.query(Response).count() == 6
+    left = sorted({0, 1, 2, 3, 4, 5} - gone - more)
+    assert [row.query_index for row in rows] == left
+    assert [row.preference_index for row in rows] == list(range(len(left)))
+    assert not left or (acquired[-1].computed_from or {})["answered"] == left
+    assert differences(app) == []
+    for place in left:
+        withdraw_shown_at(app, place)
+    with app.database.read() as db:
+        assert db.query(PreferenceRow).count() == db.query(Acquired).count() == 0
+    assert differences(app) == []
+
+
+def test_a_response_to_a_recording_that_was_withdrawn_meanwhile_teaches_nothing(
+    client: Api, app: AppContext, machine: ScriptedMachine, tmp_path: Path
+) -> None:
+    open_live_study(app, tmp_path / "study", queries=2)
+    person = to_first_pair(client, machine)
+    withdraw_shown_at(app, 0)
+    assert person.respond("left").status_code == 200
+    answer(app, person, machine, 1)
+    with app.database.read() as db:
+        assert db.scalars(select(PreferenceRow.query_index)).all() == [1]
+        assert db.query(Response).count() == 2
+    assert differences(app) == []
+
+
+def withdraw_shown_at(app: AppContext, place: int) -> set[int]:
+    """Withdraw the left recording of this query if it is not yet; all queries withdrawn so far."""
+    with app.database.read() as db:
+        row = db.scalars(
+            select(QueryRow).where(QueryRow.query_index == place, QueryRow.set_aside_at.is_(None))
+        ).one()
+        rollout = db.get_one(Rollout, row.left_rollout_id)
+    if rollout.status != states.WITHDRAWN:
+        box_withdrawal.withdraw(app, "live", rollout.public_id, "the camera had moved")
+    with app.database.read() as db:
+        gone = select(QueryRow.query_index).where(QueryRow.withdrawn_at.is_not(None))
+        return set(db.scalars(gone))
+
+
+DELETIONS: dict[str, Callable[[AppContext, Session], object]] = {
+    "receipt": lambda app, person: withdrawal.delete_by_receipt(
+        app, "live", receipt_code(person.token)
+    ),
+    "pseudonym": lambda app, _: withdrawal.delete_participant(
+        app, "live", pseudonym(app), "ada@lab.example"
+    ),
+    "retention": lambda app, _: retention.delete_due(app, lambda: False),
+}
+
+
+@pytest.mark.parametrize("how", DELETIONS)
+def test_nothing_is_recorded_for_somebody_whose_data_is_deleted(
+    client: Api,
+    app: AppContext,
+    machine: ScriptedMachine,
+    clock: Clock,
+    tmp_path: Path,
+    how: str,
+) -> None:
+    open_live_study(app, tmp_path / "study", more="retention: {everything_days: 1}\n")
+    person = to_first_pair(client, machine)
+    person.respond("left")
+    person.look()
+    assert machine.asked()
+    clock.forward(60 * 86_400)
+    DELETIONS[how](app, person)
+    assert machine.asked() == []
+
+
+def pseudonym(app: AppContext) -> str:
+    with app.database.read() as db:
+        return db.scalars(select(Participant.pseudonym)).one()
 
 
 def test_a_response_is_undone_and_the_machine_is_asked_for_what_is_needed_then(

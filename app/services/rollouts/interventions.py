@@ -1,8 +1,9 @@
-"""What experimenters do to rollouts: cancel, retry, withdraw. Each is noted in the audit log."""
+"""What experimenters do to rollouts: cancel, retry. Each is noted in the audit log.
+
+Withdrawing one changes what sessions have learnt: `sessions.box_withdrawal`.
+"""
 
 from __future__ import annotations
-
-from datetime import datetime
 
 from sqlalchemy import select
 from sqlalchemy.orm import Session
@@ -28,7 +29,7 @@ def cancel(
     """
     with app.database.write() as db:
         rollout = _locked(db, slug, public_id)
-        outcomes.cancel(rollout, _reason(reason), app.now())
+        outcomes.cancel(rollout, checked_reason(reason), app.now())
         _note(app, db, actor, "rollout cancelled", slug, rollout=public_id, reason=reason)
 
 
@@ -42,75 +43,30 @@ def retry(app: AppContext, slug: str, public_id: str, actor: str = audit_log.COM
         _note(app, db, actor, "rollout retried", slug, rollout=public_id)
 
 
-def withdraw(
-    app: AppContext, slug: str, public_id: str, reason: str, actor: str = audit_log.COMMAND_LINE
-) -> int:
-    """Withdraw a recorded rollout; return the number of responses that leave the model.
-
-    Raises NotFoundError, or ConflictError if the rollout is not recorded or no reason is given.
-    """
-    with app.database.write() as db:
-        rollout = _locked(db, slug, public_id)
-        number = outcomes.withdraw(db, [rollout], _reason(reason), app.now())
-        _note(
-            app,
-            db,
-            actor,
-            "rollout withdrawn",
-            slug,
-            rollout=public_id,
-            reason=reason,
-            responses=number,
-        )
-        return number
+def found(db: Session, slug: str, public_id: str) -> Rollout:
+    """The rollout of this study, not locked. Raises NotFoundError."""
+    rollout = db.scalar(
+        select(Rollout).where(Rollout.study_id == _study(db, slug), Rollout.public_id == public_id)
+    )
+    if rollout is None:
+        raise NotFoundError("there is no such rollout in this study")
+    return rollout
 
 
-def withdraw_machine(
-    app: AppContext,
-    slug: str,
-    name: str,
-    since: datetime,
-    reason: str,
-    actor: str = audit_log.COMMAND_LINE,
-) -> tuple[int, int]:
-    """Withdraw what a machine has recorded since a time, as when it was found to be miscalibrated.
-
-    Returns the numbers of rollouts and of responses that leave the model. Raises NotFoundError, or
-    ConflictError if no reason is given.
-    """
-    with app.database.write() as db:
-        machine = db.scalar(
-            select(Machine)
-            .join(Study, Machine.study_id == Study.id)
-            .where(Study.slug == slug, Machine.name == name)
-        )
-        if machine is None:
-            raise NotFoundError(f"there is no machine {name!r} in {slug!r}")
-        rollouts = outcomes.recorded_by(db, machine.id, since)
-        number = outcomes.withdraw(db, rollouts, _reason(reason), app.now())
-        _note(
-            app,
-            db,
-            actor,
-            "machine's rollouts withdrawn",
-            slug,
-            machine=name,
-            since=since.isoformat(),
-            reason=reason,
-            rollouts=len(rollouts),
-            responses=number,
-        )
-        return len(rollouts), number
+def machine_named(db: Session, slug: str, name: str) -> Machine:
+    """The machine of this study with this name. Raises NotFoundError."""
+    machine = db.scalar(
+        select(Machine)
+        .join(Study, Machine.study_id == Study.id)
+        .where(Study.slug == slug, Machine.name == name)
+    )
+    if machine is None:
+        raise NotFoundError(f"there is no machine {name!r} in {slug!r}")
+    return machine
 
 
-def _locked(db: Session, slug: str, public_id: str) -> Rollout:
-    study_id = db.scalar(select(Study.id).where(Study.slug == slug))
-    if study_id is None:
-        raise NotFoundError(f"there is no study named {slug!r}")
-    return outcomes.locked(db, study_id, public_id)
-
-
-def _reason(said: str) -> str:
+def checked_reason(said: str) -> str:
+    """A reason without superfluous spaces. Raises ConflictError for an empty or a long one."""
     said = " ".join(said.split())
     length = typed_length(said)
     if not 0 < length <= LONGEST_REASON:
@@ -118,6 +74,17 @@ def _reason(said: str) -> str:
             f"expected a reason of 1 to {LONGEST_REASON:,} characters, got {length:,}"
         )
     return said
+
+
+def _locked(db: Session, slug: str, public_id: str) -> Rollout:
+    return outcomes.locked(db, _study(db, slug), public_id)
+
+
+def _study(db: Session, slug: str) -> int:
+    study_id = db.scalar(select(Study.id).where(Study.slug == slug))
+    if study_id is None:
+        raise NotFoundError(f"there is no study named {slug!r}")
+    return study_id
 
 
 def _note(

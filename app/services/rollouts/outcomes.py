@@ -163,8 +163,8 @@ def retry(db: Session, rollout: Rollout, actor: str, now: datetime) -> None:
 def withdraw(db: Session, rollouts: Collection[Rollout], explanation: str, now: datetime) -> int:
     """Withdraw recorded rollouts; the responses to queries that showed them leave the model.
 
-    Recordings, queries and responses are kept. Returns the number of responses. Raises
-    ConflictError if a rollout was not recorded.
+    Recordings, queries and responses are kept; what was derived from them is left to the caller.
+    Returns the number of responses. Raises ConflictError if a rollout was not recorded.
     """
     for rollout in rollouts:
         if rollout.status != states.RECORDED:
@@ -184,18 +184,17 @@ def withdraw(db: Session, rollouts: Collection[Rollout], explanation: str, now: 
     return len(judged)
 
 
-def recorded_by(db: Session, machine_id: int, since: datetime) -> list[Rollout]:
-    """The recorded rollouts of a machine that ended at this time or later, locked."""
+def recorded_by(db: Session, machine_id: int, since: datetime) -> list[int]:
+    """The ids of the recorded rollouts of a machine that ended at this time or later."""
     return list(
         db.scalars(
-            select(Rollout)
+            select(Rollout.id)
             .where(
                 Rollout.machine_id == machine_id,
                 Rollout.status == states.RECORDED,
                 Rollout.ended_at >= since,
             )
             .order_by(Rollout.id)
-            .with_for_update()
         )
     )
 

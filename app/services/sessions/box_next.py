@@ -157,20 +157,25 @@ def derived(
     part, step = computed.following.acquired, computed.acquired
     if part is None or step is None:
         return None
-    answered = part[0].answered
-    training = tuple(one for one in record if one.query_index in answered)
+    taught, training = learnt(record, part[0])
+    acquired = None
+    if step.acquired is not None:
+        acquired = AcquiredCandidate(
+            candidates[step.acquired.point].candidate_index, step.acquired.mean, step.acquired.std
+        )
+    return replace(taught, acquired=acquired), training
+
+
+def learnt(record: AnsweredQueries, sources: Sources) -> tuple[NextStep, AnsweredQueries]:
+    """The preferences that these sources hold, and the records that they number."""
+    training = tuple(one for one in record if one.query_index in sources.answered)
     # The model learns each answer as it is: nothing is drawn for a skip.
     preferences = tuple(
         Preference(*_winner_first(asked), "answer", number)
         for number, asked in enumerate(training)
         if asked.response != "skip"
     )
-    acquired = None
-    if step.acquired is not None:
-        acquired = AcquiredCandidate(
-            candidates[step.acquired.point].candidate_index, step.acquired.mean, step.acquired.std
-        )
-    return NextStep(None, preferences, acquired), training
+    return NextStep(None, preferences, None), training
 
 
 def _winner_first(asked: AskedQuery) -> tuple[int, int]:

@@ -64,6 +64,10 @@ def differences(db: Session, trial: Trial) -> Iterator[Mismatch]:
         if stored != computed:
             what = f"acquired after query {row_acquired.query_index}"
             yield Mismatch(what, (stored,), (computed,))
+    gone = {row.query_index for row in trial.queries if row.withdrawn_at is not None}
+    if sources_acquired and (stale := gone & {*sources_acquired[-1].answered}):
+        what = f"what was learnt of the candidate acquired after query {acquired[-1].query_index}"
+        yield Mismatch(what, tuple(sorted(stale)), ())
     yield from _preferences(db, box, trial, record)
 
 

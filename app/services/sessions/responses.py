@@ -47,6 +47,7 @@ from . import (
     box_queries,
     box_settling,
     box_trials,
+    box_withdrawal,
     candidate_rows,
     derived_rows,
     event_limits,
@@ -208,6 +209,7 @@ def _attempt_over_space(
     """
     trial = box_trials.trial_of(session, asked.trial)
     assert trial is not None
+    box_withdrawal.mark_if_withdrawn(db, query, app.now())
     following = box_queries.read_following(db, trial, query.trial_id, asked.record)
     is_given = given is not None and given.following == following
     computed = given if is_given else box_next.cached(app.proposer.boxes, following)

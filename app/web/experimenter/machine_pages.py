@@ -14,6 +14,7 @@ from app.services.context import AppContext
 from app.services.rollouts import desk, durations, interventions, machines, queue, states
 from app.services.rollouts.reports import LONGEST_REASON
 from app.services.runtime.errors import ServiceError
+from app.services.sessions import box_withdrawal
 from app.services.studies import access
 from app.services.studies.access import Right
 from app.services.studies.repository import StudyInfo
@@ -90,7 +91,7 @@ def withdraw_machine(
     try:
         moment = datetime.fromisoformat(since)
         moment = moment.replace(tzinfo=UTC) if moment.tzinfo is None else moment
-        interventions.withdraw_machine(app, study.slug, name, moment, reason, caller.email)
+        box_withdrawal.withdraw_machine(app, study.slug, name, moment, reason, caller.email)
     except ValueError:
         said = f"expected a time such as 2026-05-01T09:30, got {since!r}"
         return _page(request, app, caller, study, refused=said)
@@ -140,7 +141,7 @@ def withdraw(
 ) -> Response:
     """Withdraw a recording: responses to it leave the model."""
     try:
-        interventions.withdraw(app, study.slug, rollout_id, reason, caller.email)
+        box_withdrawal.withdraw(app, study.slug, rollout_id, reason, caller.email)
     except ServiceError as error:
         return _page(request, app, caller, study, refused=str(error))
     return _back(study)

@@ -10,6 +10,7 @@ from .box import Box
 from .candidates import FloatArray
 from .model_averaging import Average, FittedScale, fitted_parts, predicted
 from .posterior_maximum import MeanFunction, ascend
+from .safety import LIKELY, Safety
 from .settings import Settings
 from .skip_synthesis import Learned
 
@@ -86,12 +87,15 @@ class BoxBelief:
         return self._without_repeats(points)
 
     def maximum(self) -> FloatArray:
-        """The point with the largest mean; (d,)."""
+        """The point with the largest mean of those that are likely to be safe; (d,)."""
         points = self._without_repeats(np.vstack([self._fitted_to, self._whole]))
         average = self.over(points)
         barred = set(self._box.keys(self._excluded))
         keys = self._box.keys(points)
         order = [row for row in np.argsort(-average.mean, kind="stable") if keys[row] not in barred]
+        safety = Safety(self._box, self._shown, self._excluded)
+        likely = safety.probability(points) >= LIKELY
+        order = [row for row in order if likely[row]] or order
         if self._box.grid is not None:
             return np.array(points[order[0]])
         starts = points[order[:STARTS]]
@@ -106,6 +110,9 @@ class BoxBelief:
             for point in ascend(self._box, function, starts)
             if self._box.key(point) not in barred
         ]
+        if found and safety.is_in_doubt:
+            likely = safety.probability(np.array(found)) >= LIKELY
+            found = [point for point, is_likely in zip(found, likely, strict=True) if is_likely]
         tried = np.vstack([starts, *found])
         mean, _ = function(self._box.kernel_coordinates(tried))
         return np.array(tried[int(np.argmax(mean))])

@@ -40,6 +40,7 @@ from .preferences import (
     checked_share,
 )
 from .randomness import Purpose, checked_seed, generator
+from .safety import LIKELY, Safety
 from .settings import Settings
 from .skip_synthesis import Learned
 
@@ -208,7 +209,9 @@ class BoxOptimizer:
         self._people_beliefs.clear()
 
     def exclude(self, point: Any) -> None:
-        """Never propose this point again, and learn that it lies below what is acceptable.
+        """Never propose this point again, and learn that it is unsafe.
+
+        It lies below what is acceptable, and points near it are less likely to be proposed.
 
         A query that waits for a response is proposed anew if the point is in it. `PointError` if
         the point is not in the box, or no two points would be left.
@@ -246,8 +249,9 @@ class BoxOptimizer:
         """The point with the largest posterior mean over the box; (d,).
 
         Found by gradient ascent from many starts, and never below the best point shown by mean.
-        While nothing has been learned, a point drawn from the seed. No excluded point. Where
-        several people answer, the population's best; with `person`, that person's own.
+        While nothing has been learned, a point drawn from the seed. No excluded point, and none
+        that is likely to be unsafe. Where several people answer, the population's best; with
+        `person`, that person's own.
         """
         if person is not None or self._people is not None:
             return self._best_of_people(person)
@@ -428,6 +432,12 @@ class BoxOptimizer:
             for point, key in zip(points, self._box.keys(points), strict=True)
             if key not in self._rows and key not in looked_at and not self._is_barred(key)
         ]
+        safety = self._safety()
+        if safety.is_in_doubt:
+            # In order, but those that are likely to be refused last.
+            likely = safety.probability(np.array(unseen).reshape(-1, points.shape[1])) >= LIKELY
+            order = np.argsort(~likely, kind="stable")
+            unseen = [unseen[place] for place in order]
         if self._new == 1 and known and unseen:
             choice = self._last_choice()
             row = choice if choice in known else known[-1]
@@ -454,6 +464,7 @@ class BoxOptimizer:
         belief = believe()
         points = belief.design(generator(self._seed, Purpose.REFINING, index))
         average = belief.over(points)
+        safety = self._safety()
         boldness = self._settings.threshold_boldness
         again = np.array(known, dtype=np.intp)
         pair = eubo_pair(
@@ -463,8 +474,17 @@ class BoxOptimizer:
             known=again if self._new == 1 and len(again) else None,
             barred=self._barred_rows(points),
             pending=[*pending, *self._rows_of(points, open_pairs)],
+            safe=safety.probability(points) if safety.is_in_doubt else None,
         )
         return points[pair[0]], points[pair[1]]
+
+    def _safety(self) -> Safety:
+        """The model of what machines can run: what was shown was run."""
+        return Safety(self._box, self.shown, self._excluded_points())
+
+    def _excluded_points(self) -> FloatArray:
+        excluded = [self._excluded[key] for key in sorted(self._excluded)]
+        return np.array(excluded).reshape(-1, self._box.dimensions)
 
     def _rows_of(
         self, points: FloatArray, pairs: Collection[tuple[FloatArray, FloatArray]]
@@ -510,12 +530,11 @@ class BoxOptimizer:
     def _belief_by(self, fit: "FitToPoints") -> "BoxBelief":
         from .box_belief import BoxBelief  # noqa: PLC0415
 
-        excluded = [self._excluded[key] for key in sorted(self._excluded)]
         return BoxBelief(
             self._box,
             self._points_of_whole(),
             self.shown,
-            np.array(excluded).reshape(-1, self._box.dimensions),
+            self._excluded_points(),
             fit,
             self._settings,
         )

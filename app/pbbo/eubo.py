@@ -5,7 +5,8 @@ as the better of its two, so both should be good, and so different in what is kn
 may be much the better. With the mixture of several posteriors it is the weighted mean of theirs.
 
 The deviation of f_a - f_b may be multiplied by a boldness: above 1, a pair is chosen for what it
-could turn out to be.
+could turn out to be. Where a machine may refuse to run a candidate, the utility is the expectation
+over what it runs: of one alone that one's, of none the lowest listed.
 """
 
 from collections.abc import Collection, Set
@@ -39,13 +40,15 @@ def eubo_pair(
     known: IndexArray | None = None,
     barred: IndexArray | None = None,
     pending: Collection[Set[int]] = (),
+    safe: FloatArray | None = None,
 ) -> tuple[int, int]:
     """The pair with the largest expected utility of its better candidate, but not `last` again.
 
     known: if given, one of the pair is among these rows.  barred: rows that no pair may have.
-    pending: further pairs that are not to be shown again.
+    pending: further pairs that are not to be shown again.  safe: (n,), the probability that each
+    candidate can be run; None: all can.
     """
-    listed = shortlist(belief, boldness, known, barred)
+    listed = shortlist(belief, boldness, known, barred, safe)
     row, column = np.triu_indices(len(listed), 1)
     if known is not None:
         with_known = np.isin(listed, known)
@@ -54,7 +57,10 @@ def eubo_pair(
     utility = np.zeros(len(row))
     for part, weight in zip(belief.parts, belief.weights, strict=True):
         if weight >= LEAST_WEIGHT:
-            utility += weight * expected_best(part, listed, boldness)[row, column]
+            best = expected_best(part, listed, boldness)
+            if safe is not None:
+                best = _over_what_is_run(best, part.mean[listed], safe[listed])
+            utility += weight * best[row, column]
     n = len(belief.mean)
     for pair in np.argsort(-utility, kind="stable")[: 2 + len(pending)]:
         first, second = int(listed[row[pair]]), int(listed[column[pair]])
@@ -71,6 +77,7 @@ def shortlist(
     boldness: float,
     known: IndexArray | None = None,
     barred: IndexArray | None = None,
+    safe: FloatArray | None = None,
 ) -> IndexArray:
     """The candidates that may be the better of a pair, ascending; the best by mean among them.
 
@@ -78,6 +85,8 @@ def shortlist(
     """
     bound = belief.mean + BOUND * boldness * belief.std
     mean = belief.mean
+    if safe is not None:
+        bound = mean.min() + safe * (bound - mean.min())
     if barred is not None and len(barred):
         bound, mean = bound.copy(), mean.copy()
         bound[barred] = mean[barred] = -np.inf
@@ -87,6 +96,16 @@ def shortlist(
         listed = np.append(listed, known[np.argsort(-bound[known], kind="stable")[:KNOWN_LISTED]])
     listed = np.unique(listed)
     return listed[np.isfinite(bound[listed])]
+
+
+def _over_what_is_run(best: FloatArray, mean: FloatArray, safe: FloatArray) -> FloatArray:
+    """Expected utility of pairs of which each may be refused; (k, k).
+
+    best: E[max(f_a, f_b)].  mean, safe: of each candidate, (k,).
+    """
+    alone = np.outer(safe * mean, 1.0 - safe)
+    neither = np.outer(1.0 - safe, 1.0 - safe) * mean.min()
+    return np.asarray(np.outer(safe, safe) * best + alone + alone.T + neither)
 
 
 def expected_best(part: Posterior, listed: IndexArray, boldness: float) -> FloatArray:

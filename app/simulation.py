@@ -247,7 +247,8 @@ async def _run(
                     one = _person(people, index, scores, seed, eta)
                     usual = one.evaluator
                     scores.as_judged_by(one)
-                    evaluator |= {"kind": "people", "people": people.people, **one.settings}
+                    told = Habits.by(scores.scale(), "uncertain", eta).as_json()
+                    evaluator |= {"kind": "people", "people": people.people, **told, **one.settings}
                 state = await walk(
                     client,
                     slug,

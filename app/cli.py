@@ -420,6 +420,46 @@ def simulate(
     out.print(done.in_words())
 
 
+@commands.command()
+def power(
+    people: Annotated[
+        list[int] | None,
+        typer.Option(min=1, max=200, help="How many people; repeatable. Default: 3, 6 and 12."),
+    ] = None,
+    answers: Annotated[
+        list[int] | None,
+        typer.Option(
+            min=1, max=100, help="How many answers each gives; repeatable. Default: 5, 10 and 20."
+        ),
+    ] = None,
+    own_share: Annotated[
+        float, typer.Option(min=0, max=1, help="The share of people's taste that is their own.")
+    ] = 0.3,
+    within: Annotated[
+        float, typer.Option(min=0, max=1, help="How much worse than the best, of the range.")
+    ] = 0.1,
+    sets: Annotated[int, typer.Option(min=2, max=1000, help="Simulated sets of people.")] = 20,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the first set.")] = 0,
+) -> None:
+    """How many people of how many answers find what people like best, together and apart.
+
+    On simulated people who answer random pairs of a square of two parameters; takes some minutes.
+    """
+    from app.lab.consensus_tables import with_error
+    from app.lab.people_needed import in_words, sweep
+
+    found = []
+    out.print("people  answers  shared model   pooled         a model each")
+    each = answers or [5, 10, 20]
+    for one in sweep(people or [3, 6, 12], each, own_share, range(seed, seed + sets)):
+        found.append(one)
+        regrets = "  ".join(with_error(way) for way in (one.shared, one.pooled, one.own))
+        out.print(f"{one.people:6}  {one.answers:7}  {regrets}")
+    out.print(f"For a mean regret of {within:g} of the range or less, by one standard error:")
+    for sentence in in_words(found, within):
+        out.print(sentence)
+
+
 @media_app.command("render")
 def media_render(
     environment: Annotated[

@@ -48,12 +48,13 @@ WORLD, TASTE, TRAITS, ANSWERS = range(4)
 @dataclass(frozen=True)
 class Case:
     """Who answers. own_share: r.  each: answers of a person.  unreliable: the last people's kinds.
-    octaves: how far the noises of honest people lie around the usual one."""
+    octaves: how far the noises of honest people lie around the usual one.  people: how many."""
 
     own_share: float
     each: int
     unreliable: tuple[Kind, ...] = ()
     octaves: float = NOISE_OCTAVES
+    people: int = PEOPLE
 
 
 ALL_THREE: Final[tuple[Kind, ...]] = ("spammer", "one-sided", "at-chance")
@@ -131,7 +132,7 @@ def taste(seed: int, number: int) -> FloatArray:
 def drawn_set(case: Case, seed: int) -> PeopleSet:
     """The set of a seed."""
     candidates, f = grid(), population(seed)
-    kinds = kinds_of(PEOPLE, case.unreliable)
+    kinds = kinds_of(case.people, case.unreliable)
     people = tuple(
         person(case, seed, number, kind, valued(f, taste(seed, number), case.own_share))
         for number, kind in enumerate(kinds)
@@ -161,12 +162,12 @@ def answered(
     return tuple(answers)
 
 
-def one_person(case: Case, seed: int, people: int = PEOPLE) -> Person:
+def one_person(case: Case, seed: int) -> Person:
     """One honest person of the population's taste who gives as many answers as all together."""
-    traits = drawn_traits("honest", np.random.default_rng([seed, TRAITS, people]), 0.0)
-    rng = np.random.default_rng([seed, ANSWERS, people])
+    traits = drawn_traits("honest", np.random.default_rng([seed, TRAITS, case.people]), 0.0)
+    rng = np.random.default_rng([seed, ANSWERS, case.people])
     f = population(seed)
-    return Person("one", traits, f, answered("one", traits, f, case.each * people, rng))
+    return Person("one", traits, f, answered("one", traits, f, case.each * case.people, rng))
 
 
 def entry(answer: PersonAnswer) -> Entry:

@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from .consensus_methods import METHODS, Row
-from .consensus_sets import CASES, PEOPLE
+from .consensus_sets import CASES
 
 #: A consensus that is worse by more than this share of the range has been moved.
 MOVED: Final = 0.05
@@ -91,7 +91,7 @@ def aims(rows: Sequence[Row]) -> str:
             ratio,
             with_error(away, sign="+"),
             moved,
-            share([row.honest_named for row in own], PEOPLE - unreliable),
+            share([row.honest_named for row in own], case.people - unreliable),
             share([row.unreliable_named for row in own], unreliable),
             f"{np.mean([row.own_share for row in own if row.own_share is not None]):.2f}",
         ]

@@ -44,7 +44,14 @@ COMMANDS = [
     *([], ["demo"], ["serve"], ["study"], ["study", "init"], ["study", "check"]),
     *(["study", "create"], ["study", "list"], ["study", "open"], ["study", "close"], ["export"]),
     ["report"],
-    *(["simulate"], ["media", "render"], ["replay"], ["account", "create"], ["account", "token"]),
+    *(
+        ["simulate"],
+        ["power"],
+        ["media", "render"],
+        ["replay"],
+        ["account", "create"],
+        ["account", "token"],
+    ),
 ]
 
 
@@ -194,6 +201,7 @@ MISTAKES: list[tuple[list[str], str]] = [
     (["simulate", "short", "--sessions", "0"], "--sessions"),
     (["simulate", "short", "--evaluator", "moody"], "moody"),
     (["simulate", "short", "--spammers", "1"], "--people"),
+    (["power", "--own-share", "2"], "--own-share"),
     (["simulate", "short", "--people", "2", "--spammers", "2"], "more than the 2"),
     (["media", "render", "--environment", "env3"], "env3"),
     (["serve", "--port", "99999"], "--port"),

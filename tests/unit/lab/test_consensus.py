@@ -11,6 +11,7 @@ from app.lab.consensus_methods import Row, installed, judged
 from app.lab.consensus_sets import CASES, PEOPLE, drawn_set, population, regret, taste
 from app.lab.consensus_tables import aims, regret_table
 from app.lab.people_bench import history
+from app.lab.people_needed import Found, in_words, sweep
 from app.lab.random_effects import abilities
 from app.lab.session_people import ScoredRecording, SimulatedPeople, session_person
 from app.lab.several_people import (
@@ -161,6 +162,28 @@ def test_the_command_prints_its_tables(tmp_path: Path, capsys: pytest.CaptureFix
     assert "Regret of people's own bests on their own taste" in printed
     assert "| r=0.25 | " in printed
     assert set(installed()) >= {"shared", "pooled", "own", "random effects"}
+
+
+def test_the_fewest_answers_that_are_enough_are_named_for_each_way() -> None:
+    found = [
+        Found(3, 5, (0.3, 0.32), (0.3, 0.3), (0.5, 0.5)),
+        Found(6, 5, (0.05, 0.07), (0.05, 0.16), (0.4, 0.4)),
+        Found(6, 10, (0.01, 0.03), (0.05, 0.07), (0.3, 0.3)),
+    ]
+
+    assert in_words(found, 0.1) == [
+        "With a shared model: 6 people of 5 answers are enough.",
+        "Pooled as one person: 6 people of 10 answers are enough.",
+        "With a model each: none of these is enough.",
+    ]
+
+
+def test_people_and_answers_are_swept_from_the_fewest_answers_on() -> None:
+    found = list(sweep([3, 1], [4, 2], 0.3, [0]))
+
+    assert [(one.people, one.answers) for one in found] == [(1, 2), (1, 4), (3, 2), (3, 4)]
+    # One person alone is the same pooled and apart.
+    assert found[0].pooled == found[0].own
 
 
 def test_regret_is_a_share_of_the_range() -> None:

@@ -18,6 +18,7 @@ from app.commands import (
     export,
     lifecycle,
     machine,
+    pool,
     retention,
     transcode,
     worker,
@@ -63,6 +64,7 @@ commands.command()(export.export)
 commands.command()(backup.backup)
 commands.command()(backup.restore)
 commands.command()(export.report)
+commands.command()(pool.pool)
 commands.command()(worker.worker)
 
 #: A user's mistake: what was asked for cannot be done as it was said.

@@ -311,6 +311,15 @@ def test_simulated_sessions_are_walked_exported_and_replayed(stocked: Run, tmp_p
     stocked("export", "short", "--out", only, "--table", "identities")
     assert [path.name for path in only.iterdir()] == ["identities.csv"]
 
+    pooled = stocked("pool", "short", "--mode", "simulated", "--condition", "pbpo", "--out", only)
+    assert "2 people together like Opening time" in pooled.out
+    assert "no-skip:" not in pooled.out
+    people = pd.read_csv(only / "people.csv")
+    assert set(people["participant_id"]) == set(queries["participant_id"])
+    assert set(pd.read_csv(only / "population.csv")["condition"]) == {"pbpo"}
+    alone = stocked("pool", "short")
+    assert "Expected answers of two people, no one has answered." in alone.out
+
     replayed = stocked("replay", "short")
     assert replayed.out == "6 trials, 30 queries replayed; 0 came out otherwise.\n"
     assert replayed.status == 0

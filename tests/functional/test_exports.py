@@ -58,7 +58,7 @@ IN_THE_ZIP = [
         "questionnaires",
     ),
     *("deletions", "events", "evidence", "checks", "undone", "faults", "recordings"),
-    *("rollouts", "data_dictionary"),
+    *("rollouts", "people", "population", "data_dictionary"),
 ]
 EXPORT = "/api/v1/studies/short/export.zip"
 PLATFORM_ID = "5f0c1ada-prolific"

@@ -54,6 +54,7 @@ PACKAGES: dict[str, tuple[str, ...]] = {
         "sessions",
         "arrival",
         "monitoring",
+        "pooling",
         "export",
         "results",
         "reporting",

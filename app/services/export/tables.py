@@ -12,6 +12,7 @@ from .consents import CONSENTS
 from .evidence import PLAYBACK
 from .faults_checks import CHECKS, FAULTS, UNDONE
 from .people import DELETIONS, IDENTITIES, PARTICIPANTS, QUESTIONNAIRES, SESSIONS
+from .pooled_people import PEOPLE, POPULATION
 from .queries import ACQUIRED, EVENTS, PREFERENCES, QUERIES
 from .recordings import RECORDINGS
 from .rollouts import ROLLOUTS
@@ -76,6 +77,8 @@ ZIPPED = (
     with_condition(FAULTS),
     RECORDINGS,
     ROLLOUTS,
+    PEOPLE,
+    POPULATION,
     DATA_DICTIONARY,
 )
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from datetime import datetime
 from enum import StrEnum
 from itertools import groupby
@@ -103,6 +103,11 @@ class Evidence:
     unwatched: int = 0
     set_aside: int = 0
 
+    def __add__(self, other: Evidence) -> Evidence:
+        """The counts of two sessions together."""
+        both = zip(astuple(self), astuple(other), strict=True)
+        return Evidence(*(one + another for one, another in both))
+
 
 def flags_of(evidence: Evidence) -> tuple[Flag, ...]:
     """The flags that these counts raise, in the order of `Flag`."""
@@ -126,11 +131,16 @@ def flags(db: Session, study_id: int, modes: Sequence[str]) -> Mapping[int, tupl
 
     Sessions without any data have no entry.
     """
+    return {key: flags_of(found) for key, found in evidence(db, study_id, modes).items()}
+
+
+def evidence(db: Session, study_id: int, modes: Sequence[str]) -> Mapping[int, Evidence]:
+    """What is counted in a study's sessions in these modes, by the session's primary key."""
     of = (SessionRow.study_id == study_id, SessionRow.mode.in_(modes))
     counted: dict[int, Counter[str]] = defaultdict(Counter)
     for part in (_answers, _checks, _faults, _watching):
         part(db, of, counted)
-    return {key: flags_of(Evidence(**found)) for key, found in counted.items()}
+    return {key: Evidence(**found) for key, found in counted.items()}
 
 
 _Of = tuple[ColumnElement[bool], ...]

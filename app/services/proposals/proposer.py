@@ -35,6 +35,7 @@ from .computation import (
     compute_step,
     compute_steps,
 )
+from .people_summaries import SUMMARIES
 from .posterior_cache import PosteriorCache
 from .shared_proposer import SharedProposer
 from .step_cache import StepCache
@@ -162,6 +163,8 @@ class Proposer:
         self.shared = SharedProposer(self._fit_process, background, metrics)
         #: Posteriors for session pages.
         self.posteriors = PosteriorCache()
+        #: Summaries of several people's answers, for results and exports.
+        self.people = SUMMARIES
 
     def candidate_set(self, study_id: int, environment: str) -> CandidateSet:
         """The candidates and recordings of a study's environment.
@@ -192,18 +195,20 @@ class Proposer:
     def purge(self, seeds: frozenset[int]) -> None:
         """Drop everything cached for these deleted trials, and cache nothing more for them."""
         self.posteriors.purge(seeds)
+        self.people.evict(seeds)
         self._steps.purge(seeds)
         self.boxes.purge(seeds)
         self.shared.purge(seeds)
 
     def cached_seeds(self) -> frozenset[int]:
         """The seeds of all trials with a cached step or posterior."""
-        caches = (self.posteriors, self._steps, self.boxes, self.shared)
+        caches = (self.posteriors, self.people, self._steps, self.boxes, self.shared)
         return frozenset().union(*(cache.seeds() for cache in caches))
 
     def evict(self, seeds: frozenset[int]) -> None:
         """Drop everything cached for these trials; it is computed again on request."""
         self.posteriors.evict(seeds)
+        self.people.evict(seeds)
         self._steps.evict(seeds)
         self.boxes.evict(seeds)
         self.shared.evict(seeds)
@@ -237,8 +242,9 @@ class Proposer:
         return [step.next for step in steps if step is not None and step.next is not None]
 
     def close(self) -> None:
-        """Stop the child process."""
+        """Stop the child processes."""
         self._fit_process.close()
+        self.people.close()
 
     def render(self, recordings: Sequence[RecordingRef]) -> None:
         """Start to render those videos that do not exist yet, in the background."""

@@ -14,7 +14,7 @@ from app.services.accounts.audit_log import COMMAND_LINE
 from app.services.export import TABLES
 from app.services.export.table import Request, trials_of
 from app.services.pooling.people import PooledPeople, judged_together
-from app.services.results import people_words
+from app.services.results import people
 
 from .export import (
     Completed,
@@ -73,13 +73,7 @@ def _say(found: PooledPeople, request: Request) -> None:
     if summary is None:
         out.print(f"{found.why_not}\n")
         return
-    for sentence in (
-        people_words.best(found, summary, plan),
-        people_words.own_taste(found, summary),
-        people_words.kinds(summary),
-        people_words.influence(found),
-        people_words.reliable(found),
-    ):
+    for sentence in people.sentences(found, summary, plan):
         out.print(sentence)
     table = Table(box=box.SIMPLE)
     for name in ("person", "answers", "noise", "likeness", "costs", "influence", "own best"):

@@ -14,6 +14,7 @@ from .files import png, save, svg
 from .intervals import intervals
 from .maps import CRANE, maps, side
 from .paths import paths
+from .scatters import scatters
 from .slices import slices
 from .strips import strips
 from .tables import FigureDataError, Row, Table
@@ -36,6 +37,7 @@ __all__ = [
     "paths",
     "png",
     "save",
+    "scatters",
     "side",
     "slices",
     "strips",

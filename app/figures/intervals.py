@@ -13,11 +13,18 @@ MOST_NAMED_ROWS = 40
 
 
 def intervals(
-    table: Table, *, x_title: str, y_title: str, reference: float | None = None
+    table: Table,
+    *,
+    x_title: str,
+    y_title: str,
+    reference: float | None = None,
+    domain: tuple[float, float] | None = (0.0, 1.0),
+    log: bool = False,
 ) -> alt.VConcatChart:
     """A dot and a bar per row, in the order of the table; a panel under the other.
 
-    table: panel, name, value, low, high, number (what the value rests on); values from 0 to 1.
+    table: panel, name, value, low, high, number (what the value rests on).  domain: ends of the
+    axis; None: from 0 to the largest value.  log: whether the axis is logarithmic.
     """
     require("intervals", table, "panel", "name", "value", "low", "high", "number")
     panels = []
@@ -32,7 +39,11 @@ def intervals(
         base = alt.Chart(inline(rows)).encode(
             y=alt.Y("name:N", sort=None, title=y_title, axis=axis)
         )
-        x = alt.X("value:Q", title=x_title, scale=alt.Scale(domain=[0, 1]))
+        ends = (
+            list(domain) if domain is not None else [0.0, max(row["high"] for row in rows) or 1.0]
+        )
+        scale = alt.Scale(domain=ends, type="log") if log else alt.Scale(domain=ends)
+        x = alt.X("value:Q", title=x_title, scale=scale)
         bar = base.mark_rule(
             color=COLOURS["pbpo"], strokeWidth=2 if named else 1, opacity=0.6, aria=False
         ).encode(x=alt.X("low:Q", title=x_title), x2="high:Q")

@@ -236,6 +236,8 @@ RULES: Mapping[str, Rule] = {
     "GET /studies/{slug}/events": DATA,
     "GET /studies/{slug}/results": DATA,
     "GET /studies/{slug}/results/answer": DATA,
+    "GET /studies/{slug}/results/people": DATA,
+    "GET /studies/{slug}/results/people/{name}.{form}": DATA.with_(params={"name": "noise"}),
     "GET /studies/{slug}/figures/{name}.{form}": DATA,
     "GET /studies/{slug}/sessions/{session_id}": DATA,
     "GET /studies/{slug}/sessions/{session_id}/figures/{trial_index}/{name}.{form}": DATA,

@@ -2,10 +2,24 @@
 
 from __future__ import annotations
 
+import html
+import re
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
 import pytest
 
+from app.pbbo.people_summary import PeopleSummary
 from app.services.accounts.accounts import Role
 from app.services.context import AppContext
+from app.services.proposals import people_summaries
+from app.services.proposals.people_summaries import (
+    PeopleRequest,
+    PeopleSummaries,
+    compute_summary,
+)
+from app.services.results.people import PEOPLE_FINDINGS
 from tests.conftest import Clock, StudyShelf
 
 from .client import Api, by_turns
@@ -49,3 +63,54 @@ def test_people_and_the_population_are_exported_and_leave_with_a_session(
     assert len(table(app, "sessions")) == 1
     assert table(app, "people").empty
     assert not app.proposer.people.seeds() & set(table(app, "trials")["seed"])
+
+
+def test_the_page_says_what_people_like_and_gives_every_flag_its_reason(
+    app: AppContext, desk: Desk, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    address = "/studies/short/results/people?mode=live&condition=pbpo"
+    assert (
+        'href="/studies/short/results/people?mode=live"' in desk.get("/studies/short/results").text
+    )
+    # Many answers are summarised in the background: here in no time, and not at all at first.
+    monkeypatch.setattr(people_summaries, "FEW_ANSWERS", 0)
+    started: list[Callable[[], None]] = []
+    monkeypatch.setattr(f"{people_summaries.__name__}.Thread", partial(Later, started))
+    page = desk.get(address).text
+    assert "Being computed: 15 answers of 3 people" in page
+    assert '<meta http-equiv="refresh"' in page
+    assert desk.get(address).text.count("Being computed") == 1
+    assert len(started) == 1
+    monkeypatch.setattr(people_summaries.PeopleSummaries, "_in_child", in_this_process)
+    started[0]()
+    page = desk.get(address).text
+    assert "3 people together like Opening time" in page
+    assert "Something speaks against relying on 3 of 3 people" in page
+    assert page.count("15 of 15 choices were on the left") == 1
+    assert page.count('href="#reasons-heading"') == 3
+    for name in PEOPLE_FINDINGS:
+        [figure] = re.findall(rf'data-figure="([^"]+/{name}\.json[^"]+)"', page)
+        drawn = desk.get(html.unescape(figure)).json()
+        assert drawn["chart"] is not None, name
+        assert drawn["says"]
+    rows = desk.get("/studies/short/results/people/noise.csv?condition=pbpo").text.splitlines()
+    assert len(rows) == 4
+    assert desk.get("/studies/short/results/people?condition=other").status_code == 404
+    assert "no one has answered" in desk.get("/studies/short/results/people?mode=pilot").text
+
+
+class Later:
+    """A thread that runs when the test says so."""
+
+    def __init__(
+        self, started: list[Callable[[], None]], *, target: Any, args: Any, daemon: bool
+    ) -> None:
+        assert daemon
+        self._started, self._run = started, lambda: target(*args)
+
+    def start(self) -> None:
+        self._started.append(self._run)
+
+
+def in_this_process(_summaries: PeopleSummaries, request: PeopleRequest) -> PeopleSummary:
+    return compute_summary(request)

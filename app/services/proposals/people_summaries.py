@@ -10,11 +10,11 @@ from __future__ import annotations
 import hashlib
 import logging
 import multiprocessing
-import threading
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from multiprocessing.connection import Connection
 from multiprocessing.context import SpawnProcess
+from threading import Lock, Thread
 from typing import Any, Final
 
 import numpy as np
@@ -105,8 +105,8 @@ class PeopleSummaries:
     """Computes and caches summaries."""
 
     def __init__(self) -> None:
-        self._lock = threading.Lock()
-        self._turn = threading.Lock()
+        self._lock = Lock()
+        self._turn = Lock()
         self._outcomes: LRUCache[str, tuple[frozenset[int], Outcome]] = LRUCache(MAX_SUMMARIES)
         self._under_way: set[str] = set()
         self._process: SpawnProcess | None = None
@@ -142,7 +142,7 @@ class PeopleSummaries:
             if key in self._under_way:
                 return None
             self._under_way.add(key)
-        threading.Thread(target=self._find_quietly, args=(key, request), daemon=True).start()
+        Thread(target=self._find_quietly, args=(key, request), daemon=True).start()
         return None
 
     def seeds(self) -> frozenset[int]:

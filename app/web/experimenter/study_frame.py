@@ -48,12 +48,13 @@ def study_page(
     here: str,
     more: Mapping[str, Any] | None = None,
     status_code: int = 200,
+    tab: str = "",
     **context: Any,
 ) -> Response:
     """A page of a study, from `templates/experimenter/study_<here>.html`.
 
     The template receives `study` (slug, title, status, paused, and `more`), the caller's `rights`,
-    and the tabs that the caller may open.
+    and the tabs that the caller may open.  tab: the tab that it is part of, if that is not `here`.
     """
     plan = study.plan
     title = plan.text(plan.title, plan.default_language)
@@ -78,7 +79,7 @@ def study_page(
         title,
         status_code=status_code,
         study=said,
-        here=here,
+        here=tab or here,
         places=places,
         rights=rights,
         **context,

@@ -53,7 +53,7 @@ if TYPE_CHECKING:
 
 # Means this close, in prior standard deviations, differ by rounding alone.
 TIE = 1e-9
-#: Numbers that are tried for a pair drawn at random that nobody is looking at.
+#: Numbers that are tried for a pair drawn at random that no other person is looking at.
 MOST_DRAWS = 20
 
 
@@ -346,8 +346,8 @@ class PreferenceOptimizer:
         last: frozenset[int],
         taken: Collection[frozenset[int]],
     ) -> Query:
-        """A query to one of several people, of the first number from this one that gives a pair
-        nobody is looking at."""
+        """A query to one of several people, of the first number from this one that gives a pair not
+        among those taken."""
         about = person if target == "person" else None
         for number in range(index, index + MOST_DRAWS):
             query = self._propose(number, last, lambda: self._people_belief(about), taken)

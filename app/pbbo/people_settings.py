@@ -23,6 +23,8 @@ class PeopleSettings:
         an answer: nobody's weighs more than 1 / noises[0]^2 times the average person's.
     noise_prior: how likely each of these is beforehand; their sum is taken to be 1.
     exact_answers: up to so many answers every step fits everything afresh.
+    unsettled: beyond, so many of the last answers have no part in what is fitted afresh, so that
+        steps after different last answers begin from one fit.
     growth: beyond, everything is fitted afresh when the answers have grown by this factor, and
         between only the people who answered since. 1 fits everything at every step.
     summarised_after: between two full fits, the answers so far become a summary whenever there are
@@ -35,6 +37,7 @@ class PeopleSettings:
     noises: tuple[float, ...] = (0.7, 1.0, 1.5, 2.5, 5.0, 10.0)
     noise_prior: tuple[float, ...] = (0.25, 0.35, 0.2, 0.08, 0.06, 0.06)
     exact_answers: int = 12
+    unsettled: int = 0
     growth: float = 1.15
     summarised_after: int = 8
 
@@ -66,11 +69,10 @@ class PeopleSettings:
                 "noise_prior: expected a number above 0 for each of "
                 f"{len(self.noises)} noises, got {list(self.noise_prior)!r}"
             )
-        whole = isinstance(self.exact_answers, int) and not isinstance(self.exact_answers, bool)
-        if not whole or self.exact_answers < 0:
-            raise SettingsError(
-                f"exact_answers: expected a whole number from 0 on, got {self.exact_answers!r}"
-            )
+        for name in ("exact_answers", "unsettled"):
+            given = getattr(self, name)
+            if not isinstance(given, int) or isinstance(given, bool) or given < 0:
+                raise SettingsError(f"{name}: expected a whole number from 0 on, got {given!r}")
         after = self.summarised_after
         if not isinstance(after, int) or isinstance(after, bool) or after < 1:
             raise SettingsError(
@@ -83,6 +85,7 @@ class PeopleSettings:
         """The number of answers, at most this one, at which everything is fitted afresh."""
         if answers <= self.exact_answers or self.growth == 1.0:
             return answers
+        answers = max(answers - self.unsettled, self.exact_answers, 1)
         at = max(self.exact_answers, 1)
         while True:
             after = max(at + 1, int(at * self.growth))

@@ -12,6 +12,7 @@ from app.pbbo import PreferenceOptimizer
 from app.pbbo import Settings as PbpoSettings
 from app.services.bootstrap import open_app
 from app.services.context import AppContext
+from app.services.ethics.personal_data import Topic
 from app.services.sessions import (
     lookup,
     queries,
@@ -24,6 +25,7 @@ from app.services.sessions import (
 from app.services.sessions.replay import Replayed, replay
 from app.services.sessions.shared_trials import SharedAnswer, Sources
 from app.storage.models.studies import Acquired, QueryRow, Response, Trial
+from app.web.evaluator.privacy_sentences import SENTENCES
 from tests.conftest import SHORT_PLAN, Clock, Idle, StudyShelf
 
 from .client import Api, Session
@@ -98,6 +100,15 @@ def test_everybodys_answers_teach_the_one_model_and_no_pair_is_with_two(
         session.respond("left")
         assert session.state["stage"] == "debrief"
     assert [trial.gone for trial in replayed(app)] == [0, 0, 0]
+
+
+def test_people_are_told_that_answers_are_shared_where_they_are(
+    client: Api, shared_study: None
+) -> None:
+    said = client.get("/s/short/privacy").text
+    assert SENTENCES[Topic.SHARED_MODEL] in said
+    state = client.start().to_first_query().state
+    assert set(state["query"]) == {"id", "left", "right", "skip", "prefetch"}
 
 
 def test_who_deletes_everything_is_gone_from_the_model_at_once(

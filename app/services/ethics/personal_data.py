@@ -24,6 +24,7 @@ class Topic(StrEnum):
     PERSONAL_LINK = "personal link"
     PSEUDONYM = "pseudonym"
     SECRETS = "secrets"
+    SHARED_MODEL = "shared model"
     COUNT = "count"
     BROWSER = "browser"
     OTHER_SITES = "other sites"
@@ -161,6 +162,7 @@ def topics(plan: Plan, *, videos_elsewhere: bool) -> tuple[Topic, ...]:
         Topic.DEVICE: plan.device_check is None,
         Topic.QUESTIONS: not asks,
         Topic.IDENTIFIERS: not plan.recruitment.link_parameters,
+        Topic.SHARED_MODEL: not any(condition.is_shared for condition in plan.conditions),
         Topic.PERSONAL_LINK: plan.recruitment.links != "single-use",
         Topic.VIDEOS_ELSEWHERE: not videos_elsewhere,
         Topic.OTHER_SITES: videos_elsewhere,

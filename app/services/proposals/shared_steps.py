@@ -17,7 +17,7 @@ import numpy as np
 from cachetools import LRUCache
 from numpy.typing import NDArray
 
-from app.pbbo import FitError, PreferenceOptimizer, Query, Settings
+from app.pbbo import FitError, PeopleSettings, PreferenceOptimizer, Query, Settings
 
 from .computation import AcquiredCandidate
 
@@ -26,6 +26,9 @@ METHOD: Final = "pbpo-threshold"
 #: Full fits that are remembered for each list of candidates with its settings; and such lists.
 MAX_FITS: Final = 16
 MAX_LISTS: Final = 8
+
+#: The steps after each possible answer of one person begin from the same fit.
+_PEOPLE: Final = PeopleSettings(unsettled=1)
 
 Pair = tuple[int, int]
 #: One answer: left, right, "left" | "right" | "skip", the reason of a skip, and who gave it.
@@ -78,6 +81,7 @@ def compute_shared_step(request: SharedRequest) -> SharedStep:
         method=METHOD,
         seed=request.seed,
         settings=settings,
+        people=_PEOPLE,
         pending=request.avoided,
         full_fits=_full_fits(request),
     )

@@ -45,6 +45,11 @@ SENTENCES: Mapping[Topic, str] = {
         "Your name, your email address, your IP address and the make of your device are not kept."
         " In the data you have a random name, such as P-7KQ2-MXRD."
     ),
+    Topic.SHARED_MODEL: translatable(
+        "The answers of all people have a part in which pairs each is shown. No answer is shown to"
+        " anybody else who takes part. If you leave the study or have your answers deleted, yours"
+        " have no such part from then on. Pairs that others were shown before stay as they were."
+    ),
     Topic.COUNT: translatable(
         "Deleted answers cannot be brought back. That somebody once was here is kept, as a number"
         " alone. What was published or downloaded before is no longer in our hands."

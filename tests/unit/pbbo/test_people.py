@@ -184,6 +184,10 @@ def test_the_order_of_answers_between_two_full_fits_does_not_reach_the_hyperpara
     assert moments[: settings.exact_answers] == list(range(1, settings.exact_answers + 1))
     steps = np.array(moments[settings.exact_answers :])
     assert np.all(np.diff(steps) / steps[:-1] <= settings.growth - 1.0 + 1.0 / steps[:-1])
+    # Without the last answer: what may come after it begins from one fit.
+    later = [n for n in moments if n >= settings.exact_answers]
+    unsettled = PeopleSettings(unsettled=1)
+    assert [unsettled.last_full_fit(n + 1) for n in later] == later
 
 
 def test_the_summary_of_older_answers_says_nearly_what_they_say() -> None:

@@ -69,15 +69,12 @@ class PeopleSettings:
                 "noise_prior: expected a number above 0 for each of "
                 f"{len(self.noises)} noises, got {list(self.noise_prior)!r}"
             )
-        for name in ("exact_answers", "unsettled"):
+        for name, least in (("exact_answers", 0), ("unsettled", 0), ("summarised_after", 1)):
             given = getattr(self, name)
-            if not isinstance(given, int) or isinstance(given, bool) or given < 0:
-                raise SettingsError(f"{name}: expected a whole number from 0 on, got {given!r}")
-        after = self.summarised_after
-        if not isinstance(after, int) or isinstance(after, bool) or after < 1:
-            raise SettingsError(
-                f"summarised_after: expected a whole number from 1 on, got {after!r}"
-            )
+            if not isinstance(given, int) or isinstance(given, bool) or given < least:
+                raise SettingsError(
+                    f"{name}: expected a whole number from {least} on, got {given!r}"
+                )
         if self.growth < 1.0:
             raise SettingsError(f"growth: expected a factor from 1 on, got {self.growth!r}")
 

@@ -19,14 +19,15 @@ import numpy as np
 
 from app.pbbo import PeopleSettings, PreferenceOptimizer
 from app.pbbo.people_answers import PersonAnswer
+from app.pbbo.people_summary import NOISY
 
 from .consensus_sets import CASES, Case, PeopleSet, drawn_set, entry, one_person, regret
 from .random_effects import Choice, abilities
 
 METHOD: Final = "pbpo-threshold"
-#: A person is named unreliable whose noise is more likely than not this many times the usual one.
-NOISY: Final = 2.5
-MORE_LIKELY: Final = 0.5
+#: A person is named unreliable whose noise is `NOISY` or more with this probability, as on the
+#: page of people.
+LEAST_NOISY: Final = 0.7
 #: The optional package's module, imported when it is asked for.
 NOISY_BT: Final = "crowdkit.aggregation.pairwise.noisy_bt"
 
@@ -60,7 +61,7 @@ def shared_model(name: str, seed: int, drawn: PeopleSet) -> list[Row]:
     noisy = np.array(settings.noises) >= NOISY
     likely = dict(zip(model.names, model.noise_weights @ noisy, strict=True))
     honest = {one.name for one in drawn.honest}
-    named = {who for who, chance in likely.items() if chance > MORE_LIKELY}
+    named = {who for who, chance in likely.items() if chance >= LEAST_NOISY}
     personal = [regret(one.values, optimizer.best(one.name)) for one in drawn.honest]
     return [
         Row(

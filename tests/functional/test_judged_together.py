@@ -57,6 +57,11 @@ def test_people_and_the_population_are_exported_and_leave_with_a_session(
     assert (population.groupby("condition")["times_shown"].sum() == 2 * 5 * 3).all()
     assert population.groupby("condition")["best_probability"].sum().to_numpy() == pytest.approx(1)
 
+    report = html.unescape(desk.get("/studies/short/data/report.html").text)
+    assert report.index("People judged together") < report.index("Quality of the data")
+    assert report.count("3 people together like Opening time") == 3 + 3  # said, and of the figure
+    assert report.count("15 of 15 choices were on the left") == 3
+
     assert app.proposer.people.seeds()
     for person in sessions["participant_id"][1:]:
         assert desk.post("/studies/short/people/delete", participant=person).status_code == 303

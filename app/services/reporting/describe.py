@@ -18,6 +18,7 @@ from app.storage.models.studies import SessionRow
 from .design import design
 from .document import Block, Heading, Report, Table
 from .participant_flow import answers_of, count, flow, let_through
+from .people_section import people_together
 from .reliability import reliability
 from .results_section import results
 from .versions import versions
@@ -58,6 +59,7 @@ def describe(app: AppContext, request: Request) -> Report:
                 request,
             ),
             *results(db, request),
+            *people_together(db, request),
             *reliability(db, request, lines),
             *versions(db, request, digest.hexdigest()),
         ]

@@ -342,6 +342,16 @@ def tables_of(report: reporting.Report) -> dict[str, dict[str, tuple[str, ...]]]
     }
 
 
+def _rows(data: Data, request: Request, caption: str) -> list[tuple[str, ...]]:
+    blocks = reporting.describe(data.app, request).blocks
+    return [
+        row
+        for block in blocks
+        if isinstance(block, Table) and block.caption.startswith(caption)
+        for row in block.rows
+    ]
+
+
 def test_the_reports_numbers_are_those_of_the_tables(data: Data) -> None:
     request = export.resolve_flags(data.app, Request(data.study, completed=True))
     found = tables_of(reporting.describe(data.app, request))
@@ -373,6 +383,13 @@ def test_the_reports_numbers_are_those_of_the_tables(data: Data) -> None:
     (plan,) = found["Plans that sessions ran under"].values()
     in_trials = queries[queries["trial_index"] >= 0]["response"].notna().sum()
     assert plan == (sessions["plan_hash"].iloc[0], "1", str(in_trials))
+    assert found["What this report is about"]["First session"] == (
+        f"{sessions['started_at'].min()[:10]} UTC",
+    )
+    assert found["What this report is about"]["Languages"] == ("en 1",)
+    assert found["Orders of conditions that were given"].popitem()[1] == ("1",)
+    settings = _rows(data, request, "Settings of the optimisers")
+    assert ("random_queries", "2") in {row[1:] for row in settings}
     assert found["Consents that were agreed to"].keys() == set(sessions["consent_version"])
 
 

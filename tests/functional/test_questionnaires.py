@@ -8,6 +8,8 @@ import re
 import pytest
 
 from app.services.context import AppContext
+from app.services.export import Request
+from app.services.results.questionnaires import summaries
 from app.services.studies import repository
 from app.services.studies.repository import StudyInfo
 from app.web.http import translations
@@ -44,7 +46,7 @@ def to_the_questions(client: Api) -> Session:
 
 
 def test_answers_lead_on_and_come_out_in_an_export(
-    client: Api, asking_study: StudyInfo, clock: Clock, api_token: str
+    client: Api, asking_study: StudyInfo, clock: Clock, api_token: str, app: AppContext
 ) -> None:
     session = to_the_questions(client)
     for trial in (1, 2, 3):
@@ -60,6 +62,22 @@ def test_answers_lead_on_and_come_out_in_an_export(
     assert [item["name"] for item in session.state["questionnaire"]["items"]] == ["age", "remarks"]
     session.call("questionnaire", {"answers": {"age": 40, "remarks": "=1+1"}})
     assert session.state["stage"] == "debrief"
+
+    with app.database.read() as db:
+        effort, age, remarks = summaries(db, Request(repository.find(app, "short")))
+    assert effort.caption == "effort: How hard was it?"
+    assert sorted(row[1:4] for row in effort.rows) == [
+        ("1", "1", ""),
+        ("1", "2", ""),
+        ("1", "3", ""),
+    ]
+    assert age.rows == [("at the end", "1", "40", "", "40", "40 to 40", "40 to 40")]
+    assert remarks.rows == [("at the end", "1")]
+
+    page = client.get(
+        "/studies/short/results", headers={"Authorization": f"Bearer {api_token}"}
+    ).text
+    assert "effort: How hard was it?" in page
 
     rows = client.table("questionnaires", api_token)
     found = rows[["trial_index", "item", "type", "value"]].to_numpy().tolist()

@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from collections.abc import Iterator
 
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
+from app.pbbo import Settings as OptimizerSettings
+from app.services.export.table import Request, sessions_of
 from app.services.studies.repository import StudyInfo
-from app.storage.models.studies import Candidate, Recording
+from app.storage.models.studies import Candidate, Recording, SessionRow
 from app.study.assignment import plan_orders
 from app.study.plan import Plan
 
 from .document import Block, Heading, Paragraph, Table, many
+
+#: Settings that every optimiser with a model uses.
+_OF_ALL = frozenset({"signal_variance", "scale_candidates"})
 
 
 def design(db: Session, study: StudyInfo) -> Iterator[Block]:
@@ -38,6 +44,11 @@ def design(db: Session, study: StudyInfo) -> Iterator[Block]:
             )
             for condition in plan.conditions
         ],
+    )
+    yield Table(
+        "Settings of the optimisers, also where the plan leaves them out",
+        ("Condition", "Setting", "Value"),
+        list(_settings(plan)),
     )
     yield Table(
         "Candidates and recordings",
@@ -65,6 +76,10 @@ def _course(plan: Plan) -> Iterator[str]:
         yield f"The order of the conditions is counterbalanced over {many(orders, 'order')}."
     else:
         yield "The order of the conditions is the same for everybody."
+    yield (
+        "Which of the two candidates stands on the left, and which recording of a candidate is"
+        " shown, is drawn at random."
+    )
     if plan.blocks == "environment":
         yield "Trials of one environment are kept together."
     if plan.break_s:
@@ -93,6 +108,32 @@ def _course(plan: Plan) -> Iterator[str]:
             yield f"{when} a questionnaire asks for {names}."
     if plan.reward is not None:
         yield f"A session is paid with {plan.reward.amount:g} {plan.reward.currency}."
+
+
+def _settings(plan: Plan) -> Iterator[tuple[str, ...]]:
+    """Rows by condition and setting. Those of a method that a condition does not have are none."""
+    for condition in plan.conditions:
+        if condition.method == "knockout":
+            continue
+        own = condition.method == "pbpo-threshold"
+        every = OptimizerSettings.from_mapping(condition.optimizer_settings).to_mapping()
+        for name, value in every.items():
+            if name.startswith("threshold_") == own or name in _OF_ALL:
+                yield condition.name, name, json.dumps(value)
+
+
+def orders_given(db: Session, request: Request) -> Table:
+    """How many of the sessions that consented had the conditions in which order."""
+    conditions = request.study.plan.conditions
+    statement = select(SessionRow.trial_conditions).where(
+        SessionRow.consented_at.is_not(None), *sessions_of(request)
+    )
+    counted = Counter(tuple(given) for given in db.scalars(statement))
+    rows = [
+        (", ".join(conditions[index].name for index in given), str(number))
+        for given, number in sorted(counted.items())
+    ]
+    return Table("Orders of conditions that were given", ("Order", "Sessions"), rows)
 
 
 def _space(db: Session, study: StudyInfo) -> Iterator[tuple[str, ...]]:

@@ -8,6 +8,7 @@ from sqlalchemy.orm import Session
 
 from app.figures import svg
 from app.services.export.table import Request
+from app.services.results import questionnaires
 from app.services.results.charts import draw
 from app.services.results.registry import FINDINGS
 
@@ -27,4 +28,12 @@ def results(db: Session, request: Request) -> Iterator[Block]:
         for note in found.notes:
             yield Paragraph(note)
         for summary in found.summaries:
+            yield Table(summary.caption, summary.header, summary.rows)
+    asked = questionnaires.summaries(db, request)
+    if asked:
+        yield Heading("Questionnaires", 3)
+        yield Paragraph(
+            "Items that were left unanswered are not counted. Texts are in questionnaires.csv."
+        )
+        for summary in asked:
             yield Table(summary.caption, summary.header, summary.rows)

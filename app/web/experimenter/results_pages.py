@@ -11,6 +11,7 @@ from app.services.context import AppContext
 from app.services.export.table import Request as Wanted
 from app.services.monitoring.candidate_videos import parameters_of, recordings_of
 from app.services.monitoring.overview import modes_of
+from app.services.results import questionnaires
 from app.services.results.candidate_words import in_words
 from app.services.results.liked_best import LikedBest, liked_best
 from app.services.results.registry import FINDINGS, find
@@ -45,6 +46,8 @@ def results(
         }
         for name, finding in FINDINGS.items()
     ]
+    with app.database.read() as db:
+        asked = questionnaires.summaries(db, Wanted(study, modes_of(mode)))
     return study_page(
         request,
         app,
@@ -52,6 +55,7 @@ def results(
         study,
         "results",
         mode=mode,
+        questionnaires=asked,
         figures=figures,
         answer_url=f"/studies/{study.slug}/results/answer?mode={mode}",
     )

@@ -1,4 +1,4 @@
-"""The middle half of a value along a trial, with its median: response times by query."""
+"""The middle half of a value along a trial, with its median, such as response times by query."""
 
 from __future__ import annotations
 
@@ -12,17 +12,22 @@ from .theme import colour_scale, in_a_row, label, panel_of
 
 
 def bands(
-    table: Table, *, methods: Sequence[str], x_title: str = "query", y_title: str
+    table: Table,
+    *,
+    methods: Sequence[str],
+    x_title: str = "query",
+    y_title: str,
+    counted: str = "answers",
 ) -> alt.HConcatChart:
     """A line for the median and a band from quartile to quartile, per method; a panel each.
 
-    table: panel, method, query (from 1 on), value; a row per answer.
+    table: panel, method, query (from 1 on), value; a row for each of what is `counted`.
     """
     require("bands", table, "panel", "method", "query", "value")
     scale = colour_scale(methods)
     panels = []
     for panel in distinct(table, "panel"):
-        base = alt.Chart(inline(_quartiles(where(table, panel=panel), methods))).encode(
+        base = alt.Chart(inline(_quartiles(where(table, panel=panel), methods, counted))).encode(
             x=alt.X("query:Q", title=x_title), color=alt.Color("method:N", scale=scale)
         )
         band = base.mark_area(opacity=0.15, aria=False).encode(
@@ -30,13 +35,13 @@ def bands(
         )
         line = base.mark_line(strokeWidth=2, aria=False, point=alt.OverlayMarkDef(size=14)).encode(
             y=alt.Y("median:Q", title=y_title),
-            tooltip=["method:N", "query:Q", "low:Q", "median:Q", "high:Q", "answers:Q"],
+            tooltip=["method:N", "query:Q", "low:Q", "median:Q", "high:Q", f"{counted}:Q"],
         )
         panels.append(panel_of([band, line], str(panel), width=420, height=240))
     return in_a_row(panels)
 
 
-def _quartiles(rows: list[Row], methods: Sequence[str]) -> list[Row]:
+def _quartiles(rows: list[Row], methods: Sequence[str], counted: str) -> list[Row]:
     found: dict[tuple[str, int], list[float]] = {}
     for row in rows:
         found.setdefault((row["method"], row["query"]), []).append(row["value"])
@@ -52,7 +57,7 @@ def _quartiles(rows: list[Row], methods: Sequence[str]) -> list[Row]:
                 "low": low,
                 "median": median,
                 "high": high,
-                "answers": len(values),
+                counted: len(values),
             }
         )
     return quartiles

@@ -1,10 +1,10 @@
 """`python -m app.lab.sureness`: is the optimiser as often right as it says it is sure?
 
-Trials of the default are asked after each query from the tenth on how sure they are that no
-candidate is better than the acquired one by more than a tenth of f's range. What was said is set
+Trials of the default are asked after each query how sure they are that no candidate is better than
+the acquired one by more than a tenth of f's range. What was said from the tenth query on is set
 against what is true, in tenths of what was said; so is the set that holds the best candidate with
-95 %. The same trials show what ending a trial early saves and costs: at the first query after which
-it is `STOP` sure.
+95 %. The same trials show what ending a trial early saves and costs: after the first query by which
+it is sure enough, as with `stop` in a study's plan.
 """
 
 from __future__ import annotations
@@ -35,11 +35,11 @@ from .variant_trials import ANSWERS, shown  # noqa: E402
 METHOD: Final = "pbpo-threshold"
 #: The share of f's range that a better candidate may be better by.
 WITHIN: Final = 0.1
-#: A trial is asked from this query on.
+#: What a trial says counts from this query on.
 FIRST_ASKED: Final = 10
 QUERIES: Final = 30
 #: A trial ends when it is this sure.
-STOP: Final = 0.95
+STOPS: Final = (0.7, 0.8, 0.9, 0.95)
 BINS: Final = 10
 
 
@@ -63,7 +63,7 @@ class Said:
 
 
 def ask(problem_name: str, evaluator_name: str, seed: int, queries: int = QUERIES) -> list[Said]:
-    """Run one trial, and ask it after each query from `FIRST_ASKED` on."""
+    """Run one trial, and ask it after each query."""
     problem = PROBLEMS[problem_name]()
     optimizer = PreferenceOptimizer(problem.candidates, METHOD, seed)
     rng = np.random.default_rng([seed, ANSWERS])
@@ -74,22 +74,21 @@ def ask(problem_name: str, evaluator_name: str, seed: int, queries: int = QUERIE
         query = optimizer.ask()
         left, right = shown(problem, query.left, query.right, rng)
         optimizer.tell(query, evaluator.respond(left, right, may_skip=True))
-        if done >= FIRST_ASKED:
-            regret = problem.regret(optimizer.best())
-            likely = optimizer.may_be_best()
-            said.append(
-                Said(
-                    problem=problem_name,
-                    evaluator=evaluator_name,
-                    seed=seed,
-                    query=done,
-                    sure=optimizer.sureness(WITHIN),
-                    right=regret <= WITHIN * span,
-                    set_size=len(likely),
-                    set_holds=int(np.argmax(problem.f)) in likely,
-                    regret=regret,
-                )
+        regret = problem.regret(optimizer.best())
+        likely = optimizer.may_be_best()
+        said.append(
+            Said(
+                problem=problem_name,
+                evaluator=evaluator_name,
+                seed=seed,
+                query=done,
+                sure=optimizer.sureness(WITHIN),
+                right=regret <= WITHIN * span,
+                set_size=len(likely),
+                set_holds=int(np.argmax(problem.f)) in likely,
+                regret=regret,
             )
+        )
     return said
 
 
@@ -99,6 +98,7 @@ def calibration(said: Sequence[Said]) -> str:
         "| said | how often | mean said | true | standard error |",
         "|---|---|---|---|---|",
     ]
+    said = [one for one in said if one.query >= FIRST_ASKED]
     edges = np.linspace(0.0, 1.0, BINS + 1)
     for low, high in pairwise(edges):
         # The last tenth holds 1.
@@ -115,30 +115,51 @@ def calibration(said: Sequence[Said]) -> str:
     return "\n".join(lines)
 
 
-def summary(said: Sequence[Said], stop: float = STOP) -> str:
-    """The 95 % set, and what ending a trial early would do; Markdown."""
-    lines = [
-        "| | last set: size, holds the best | ended early | queries | regret | regret at the end |",
-        "|---|---|---|---|---|---|",
-    ]
-    for problem in dict.fromkeys(one.problem for one in said):
-        own = [one for one in said if one.problem == problem]
-        last = max(one.query for one in own)
-        ends, finals = [], []
-        for key in dict.fromkeys((one.evaluator, one.seed) for one in own):
-            trial = [one for one in own if (one.evaluator, one.seed) == key]
-            finals.append(trial[-1])
-            ends.append(next((one for one in trial if one.sure >= stop), trial[-1]))
-        sizes = np.median([one.set_size for one in finals])
-        holds = np.mean([one.set_holds for one in finals])
-        early = np.mean([one.query < last for one in ends])
-        lines.append(
-            f"| {problem} | {sizes:.0f}, {100 * holds:.0f} % | {100 * early:.0f} % | "
-            f"{np.mean([one.query for one in ends]):.1f} | "
-            f"{np.mean([one.regret for one in ends]):.2f} | "
-            f"{np.mean([one.regret for one in finals]):.2f} |"
-        )
+def sets(said: Sequence[Said]) -> str:
+    """The 95 % set at the end of trials: its median size, how often it holds the best; Markdown."""
+    lines = ["| | trials | candidates in the set | holds the best |", "|---|---|---|---|"]
+    for problem, trials in _trials(said).items():
+        ends = [trial[-1] for trial in trials]
+        size = np.median([one.set_size for one in ends])
+        holds = np.mean([one.set_holds for one in ends])
+        lines.append(f"| {problem} | {len(ends)} | {size:.0f} | {100 * holds:.0f} % |")
     return "\n".join(lines)
+
+
+def stopping(said: Sequence[Said], stops: Sequence[float] = STOPS) -> str:
+    """What ending trials as soon as they are so sure saves and costs; Markdown.
+
+    A cost is the mean of the differences within trials, with its standard error.
+    """
+    lines = [
+        "| | sure | ended early | queries | regret then | at the last query | cost |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    for problem, trials in _trials(said).items():
+        last = np.array([trial[-1].regret for trial in trials])
+        for stop in stops:
+            ends = [next((one for one in trial if one.sure >= stop), trial[-1]) for trial in trials]
+            early = np.mean(
+                [end.query < trial[-1].query for end, trial in zip(ends, trials, strict=True)]
+            )
+            then = np.array([end.regret for end in ends])
+            cost = then - last
+            error = cost.std(ddof=1) / np.sqrt(len(cost)) if len(cost) > 1 else np.nan
+            lines.append(
+                f"| {problem} ({len(trials)}) | {stop:g} | {100 * early:.0f} % | "
+                f"{np.mean([end.query for end in ends]):.1f} | {then.mean():.2f} | "
+                f"{last.mean():.2f} | {cost.mean():+.2f} ± {error:.2f} |"
+            )
+    return "\n".join(lines)
+
+
+def _trials(said: Sequence[Said]) -> dict[str, list[list[Said]]]:
+    """What each trial said, in order, by problem."""
+    found: dict[str, dict[tuple[str, int], list[Said]]] = {}
+    for one in said:
+        trials = found.setdefault(one.problem, {})
+        trials.setdefault((one.evaluator, one.seed), []).append(one)
+    return {problem: list(trials.values()) for problem, trials in found.items()}
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -170,7 +191,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
             file.flush()
     print(calibration(said))
     print()
-    print(summary(said))
+    print(sets(said))
+    print()
+    print(stopping(said))
 
 
 if __name__ == "__main__":

@@ -62,6 +62,7 @@ class BoxBelief:
             rows.setdefault(key, len(rows))
         below = sorted(rows[key] for key in box.keys(excluded))
         self._parts, self._weights = fit(box.kernel_coordinates(self._fitted_to), tuple(below))
+        self._maximum: FloatArray | None = None
 
     def over(self, points: FloatArray) -> Average:
         """The belief over points (n, d) of which the first are those it was fitted to."""
@@ -87,7 +88,15 @@ class BoxBelief:
         return self._without_repeats(points)
 
     def maximum(self) -> FloatArray:
-        """The point with the largest mean of those that are likely to be safe; (d,)."""
+        """The point with the largest mean of those that are likely to be safe; (d,).
+
+        Searched for once.
+        """
+        if self._maximum is None:
+            self._maximum = self._found_maximum()
+        return self._maximum.copy()
+
+    def _found_maximum(self) -> FloatArray:
         points = self._without_repeats(np.vstack([self._fitted_to, self._whole]))
         average = self.over(points)
         barred = set(self._box.keys(self._excluded))

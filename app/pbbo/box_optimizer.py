@@ -46,6 +46,7 @@ from .skip_synthesis import Learned
 
 if TYPE_CHECKING:
     from .box_belief import BoxBelief, FitToPoints
+    from .sureness import Landscapes
 
 #: The one method that knows boxes: the paper's draw functions over all candidates.
 BOX_METHOD: Final = "pbpo-threshold"
@@ -281,18 +282,35 @@ class BoxOptimizer:
         """Probability that no point of the box is better than `best()` by more than `within`.
 
         within: as a share, from 0 to 1, of the range of f over the box. Functions are drawn at
-        the points that the next query looks at.
+        `best()` and at the points that the next query looks at.
         """
-        from .sureness import Landscapes  # noqa: PLC0415
-
         share = checked_share("within", within)
+        points, landscapes = self._landscapes()
+        return landscapes.sureness(len(points) - 1, share)
+
+    def may_be_best(self, probability: float = 0.95) -> FloatArray:
+        """The fewest points that hold the best one with this probability, likeliest first; (k, d).
+
+        Of `best()` and the points that the next query looks at, so that they are a sample of the
+        region that holds it.
+        """
+        share = checked_share("probability", probability)
+        points, landscapes = self._landscapes()
+        return np.array(points[list(landscapes.may_be_best(share))])
+
+    def _landscapes(self) -> "tuple[FloatArray, Landscapes]":
+        """Points (n, d) of which the last is `best()`, and functions drawn at them; the same for
+        the same history and seed."""
+        from .sureness import MOST_POINTS, Landscapes  # noqa: PLC0415
+
         with one_thread():
             belief = self._belief_about(None)
             points = belief.design(generator(self._seed, Purpose.REFINING, self.responses))
             points = np.vstack([points, self.best()])
             rng = generator(self._seed, Purpose.SURENESS, self.responses)
+            average = belief.over(points)
             best = len(points) - 1
-            return Landscapes(belief.over(points), len(points), best, rng).sureness(best, share)
+            return points, Landscapes(average, len(points), best, rng, most=MOST_POINTS)
 
     @property
     def shown(self) -> FloatArray:

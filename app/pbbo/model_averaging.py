@@ -55,7 +55,10 @@ def joint_draws(
     weights = belief.weights if isinstance(belief, Average) else np.ones(1)
     drawn = []
     for part, share in zip(parts, rng.multinomial(count, weights), strict=True):
-        if share:
+        if share and isinstance(part.prior, Prior):
+            # The prior's factor is at hand: no covariance has to be factorised.
+            drawn.append(part.draw(rng, int(share))[rows])
+        elif share:
             root = root_of(part.covariance(rows))
             noise = rng.standard_normal((int(share), len(rows))).T
             drawn.append(part.mean[rows][:, None] + root @ noise)

@@ -36,6 +36,7 @@ from .retention import Retention
 from .reward import Reward
 from .search_space import MOST_CONSTRAINTS, Parameter, SearchSpace, space_between
 from .stage_settings import DeviceCheck, Familiarisation, Practice, Resume
+from .stopping import USUAL_WITHIN, Stop
 
 # These name folders as well, so they hold nothing that leads elsewhere.
 LANGUAGE_PATTERN = r"^[a-z]{2,3}(-[A-Za-z0-9]{2,8})*$"
@@ -138,6 +139,12 @@ class Plan(Part):
     order: Literal["counterbalanced", "fixed"] = Field(
         default="counterbalanced", description="counterbalanced or fixed"
     )
+    # Left out of a plan's data where not given, so that the hashes of earlier plans stay valid.
+    stop: Stop | None = Field(
+        default=None,
+        exclude_if=absent,
+        description="a mapping such as {sure: 0.95, within: 0.1}",
+    )
     break_s: StrictInt = Field(
         default=120, ge=0, le=86_400, description="whole seconds from 0 (no break) to 86400"
     )
@@ -236,6 +243,11 @@ class Plan(Part):
     def learned_per_trial(self) -> int:
         """The number of responses in a complete trial from which its model learns."""
         return self.shown_per_trial if self.checks.in_model else self.queries_per_trial
+
+    @property
+    def within(self) -> float:
+        """The share of a trial's range that makes no difference to how sure it is."""
+        return USUAL_WITHIN if self.stop is None else self.stop.within
 
     @property
     def used_environments(self) -> tuple[str, ...]:

@@ -26,6 +26,7 @@ from .query_settings import query_inconsistencies, skip_inconsistencies
 from .questionnaire import item_inconsistencies
 from .search_space import space_inconsistencies
 from .stage_settings import PRACTICE
+from .stopping import stop_inconsistencies
 
 # Columns that exported tables and recordings.csv have of their own: a parameter of the same name
 # would give a table two columns with one name ("candidate" would become a second left_candidate).
@@ -46,6 +47,7 @@ RESERVED_PARAMETERS = frozenset(
         "sha256",
         "source",
         "study",
+        "sureness",
         "trial_index",
     }
 )
@@ -79,6 +81,7 @@ def inconsistencies(plan: Mapping[str, object]) -> list[Inconsistency]:
         *_practice(plan),
         *_resume(plan),
         *_familiarisation(plan),
+        *stop_inconsistencies(plan),
         *checks_inconsistencies(plan, parameter_names(plan)),
         *recruitment.disagreements(plan),
         *retention.disagreements(plan),

@@ -8,7 +8,7 @@ import math
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 from enum import StrEnum
-from typing import Self, TypedDict
+from typing import NotRequired, Self, TypedDict
 
 from .plan import Plan
 from .stage_settings import Device
@@ -115,10 +115,14 @@ class Continued:
 
 @dataclass(frozen=True)
 class Responded:
-    """A response, of any kind, to the query of this index of the current trial."""
+    """A response, of any kind, to the query of this index of the current trial.
+
+    is_sure: whether the trial is so sure by it that the plan ends it early.
+    """
 
     query_index: int
     at: datetime
+    is_sure: bool = False
 
     def __post_init__(self) -> None:
         _require_timezone(self.at)
@@ -204,12 +208,16 @@ class DeviceRefused(ProtocolError):  # noqa: N818 - named for what happened
 
 
 class Position(TypedDict):
-    """Progress in numbers for people, counted from 1."""
+    """Progress in numbers for people, counted from 1.
+
+    at_most: true where trials may end before the last query; otherwise left out.
+    """
 
     trial: int
     trials: int
     query: int
     queries: int
+    at_most: NotRequired[bool]
 
 
 _TO_BE_DONE = {
@@ -253,7 +261,8 @@ def position(plan: Plan, progress: Progress) -> Position:
     trial: 0 before the first trial, then the number of the trial in hand; in a break and
     afterwards the number of trials finished. query: the number of the open query; outside stage
     query 0 if no trial is finished yet, else the number of queries in a trial. In the practice
-    both numbers of queries are the practice's own.
+    both numbers of queries are the practice's own. Where trials may end early, `queries` is the
+    most that a trial has, and a finished trial counts as having had them.
     """
     trial, query = progress.trial_index, plan.shown_per_trial if progress.trial_index else 0
     if progress.stage is Stage.PRACTICE:
@@ -261,7 +270,10 @@ def position(plan: Plan, progress: Progress) -> Position:
         return Position(trial=0, trials=plan.trials, query=query, queries=queries)
     if progress.stage is Stage.QUERY:
         trial, query = progress.trial_index + 1, progress.query_index + 1
-    return Position(trial=trial, trials=plan.trials, query=query, queries=plan.shown_per_trial)
+    at = Position(trial=trial, trials=plan.trials, query=query, queries=plan.shown_per_trial)
+    if plan.stop is not None:
+        at["at_most"] = True
+    return at
 
 
 def require_asked(plan: Plan, progress: Progress, query_index: int) -> None:
@@ -319,7 +331,7 @@ def _after_response(plan: Plan, progress: Progress, event: Responded) -> Progres
         if progress.query_index + 1 < plan.practice.queries:
             return Progress(Stage.PRACTICE, query_index=progress.query_index + 1)
         return Progress(Stage.QUERY)
-    if progress.query_index + 1 < plan.shown_per_trial:
+    if progress.query_index + 1 < plan.shown_per_trial and not event.is_sure:
         return Progress(Stage.QUERY, progress.trial_index, progress.query_index + 1)
     finished = progress.trial_index + 1
     if plan.items(AFTER_TRIAL):

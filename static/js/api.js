@@ -5,7 +5,7 @@
  * @typedef {{id: string, left: Recording, right: Recording, skip: null | Skip, prefetch: string[], watch_once?: boolean, undo?: {query_id: string, seconds_left: number}}} Query
  * @typedef {{since: string | null, usually_s: number | null, machines: number, left: Recording | null, right: Recording | null, undo?: {query_id: string, seconds_left: number}}} Waiting
  * @typedef {{label: string, reasons?: import("./skip_reasons.js").Reason[]}} Skip
- * @typedef {{trial: number, trials: number, query: number, queries: number}} Progress
+ * @typedef {{trial: number, trials: number, query: number, queries: number, at_most?: boolean}} Progress
  * @typedef {{
  *   stage: string, progress: Progress, study: {break_s: number, stages: string[]}, query?: Query | null,
  *   waiting?: Waiting,

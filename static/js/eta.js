@@ -34,13 +34,16 @@ export class Eta {
   /**
    * @param {import("./api.js").Progress} progress
    * @param {number} breakSeconds length of the break after a trial
-   * @returns {string} such as "About 12 min left"
+   * @returns {string} such as "About 12 min left", "At most" before it where trials may end early
    */
-  left({ trial, trials, query, queries }, breakSeconds) {
+  left({ trial, trials, query, queries, at_most: mayEndEarly }, breakSeconds) {
     const comparisons = (trials - trial) * queries + queries - query + 1;
     const seconds = comparisons * this.#typical() + (trials - trial) * breakSeconds;
     const minutes = Math.round(seconds / 60);
-    return minutes < 1 ? gettext("Less than a minute left") : gettext("About %(minutes)s min left", { minutes });
+    if (minutes < 1) {
+      return gettext("Less than a minute left");
+    }
+    return mayEndEarly ? gettext("At most about %(minutes)s min left", { minutes }) : gettext("About %(minutes)s min left", { minutes });
   }
 
   #typical() {

@@ -177,10 +177,12 @@ function sayTimeLeft() {
 
 /** Write where one is, at once: a press that changed nothing on the page would seem lost. */
 function stand() {
-  const { trial, trials, query: number, queries } = state.progress;
+  const { trial, trials, query: number, queries, at_most: mayEndEarly } = state.progress;
   const practising = state.stage === "practice";
   const part = practising ? gettext("Practice") : gettext("Part %(number)s of %(total)s", { number: trial, total: trials });
-  const place = gettext("Pair %(number)s of %(total)s", { number, total: queries });
+  const place = mayEndEarly
+    ? gettext("Pair %(number)s of at most %(total)s", { number, total: queries })
+    : gettext("Pair %(number)s of %(total)s", { number, total: queries });
   byId("progress").textContent = `${part} · ${place}`;
   const bar = /** @type {HTMLProgressElement} */ (byId("progress-bar"));
   bar.max = practising ? queries : trials * queries;

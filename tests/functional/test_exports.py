@@ -34,7 +34,7 @@ PREFERENCES = [
 ]
 ACQUIRED = [
     *("session_id", "trial_index", "condition", "query_index", "candidate", "w0", "w1"),
-    *("posterior_mean", "posterior_std"),
+    *("posterior_mean", "posterior_std", "sureness"),
 ]
 EVENTS = [
     "session_id",
@@ -198,6 +198,7 @@ def test_there_is_an_acquired_candidate_after_each_response(walked: Walked) -> N
         acquired[PARAMETERS].to_numpy().tolist()
     )
     assert (acquired["posterior_std"] > 0).all()
+    assert acquired["sureness"].between(0, 1).all()
 
 
 def test_sessions_and_participants_tell_how_far_each_one_came(walked: Walked, clock: Clock) -> None:

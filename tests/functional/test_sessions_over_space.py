@@ -10,11 +10,14 @@ from typing import Any, TypeVar
 import pytest
 from sqlalchemy import select
 
+from app.figures import svg
 from app.pbbo import Box
 from app.services.background.interface import Background
 from app.services.context import AppContext
 from app.services.maintenance import retention
 from app.services.proposals.computation import FitProcess
+from app.services.results.charts import draw
+from app.services.results.trial_learning import find
 from app.services.rollouts import states
 from app.services.runtime.ids import receipt_code
 from app.services.sessions import box_withdrawal, withdrawal
@@ -27,6 +30,7 @@ from app.storage.models.studies import (
     PreferenceRow,
     QueryRow,
     Response,
+    SessionRow,
 )
 from tests.conftest import Clock, Idle
 
@@ -144,6 +148,40 @@ def test_a_session_runs_to_its_end_over_videos_that_did_not_exist(
         assert [one.query_index for one in acquired] == list(range(6))
         assert all(one.candidate in points for one in acquired)
         assert db.scalars(select(PreferenceRow.query_index)).all() == list(range(6))
+
+
+def test_a_trial_over_a_space_ends_once_it_is_sure_and_its_belief_is_drawn(
+    client: Api, app: AppContext, machine: ScriptedMachine, tmp_path: Path
+) -> None:
+    stop = "stop: {sure: 0.75, within: 0.3}\n"
+    study = open_live_study(app, tmp_path / "study", more=stop, queries=30)
+    person = to_first_pair(client, machine)
+    while person.state["stage"] == "query":
+        answer(app, person, machine, 1)
+    assert differences(app) == []
+    assert machine.asked() == []
+    with app.database.read() as db:
+        rows = db.scalars(select(Acquired).order_by(Acquired.query_index)).all()
+        session_id = db.scalars(select(SessionRow.public_id)).one()
+        answered = len(db.scalars(select(QueryRow.id)).all())
+    *before, last = [row.sureness or 0.0 for row in rows]
+    assert last >= 0.75 > max(before)
+    assert answered == len(rows) < 30
+
+    path = find(app, study, session_id, 0, "path")
+    assert [row["sureness"] for row in path.rows] == [row.sureness for row in rows]
+    belief = find(app, study, session_id, 0, "posterior")
+    assert f"{last:.0%}".replace("%", " %") in belief.says
+    ground = [row for row in belief.rows if row["candidate"] is None]
+    assert len(ground) > 200
+    assert all(row["w0"] >= row["w1"] for row in ground)
+    known = [row for row in belief.rows if row["candidate"] is not None]
+    assert sum(row["times_shown"] for row in known) == 2 * answered
+    [best] = [row for row in known if row["candidate"] == rows[-1].candidate]
+    assert best["posterior_mean"] == pytest.approx(rows[-1].posterior_mean)
+    assert max(row["posterior_mean"] for row in ground) <= best["posterior_mean"] + 1e-6
+    for name, found in (("path", path), ("posterior", belief)):
+        assert svg(draw(name, found, study)).startswith("<svg")
 
 
 def test_a_pair_that_is_not_recorded_cannot_be_answered(

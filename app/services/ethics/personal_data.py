@@ -93,7 +93,7 @@ EVALUATORS: Mapping[str, Mapping[Topic, str]] = {
     },
     "acquired": {
         Topic.ANSWERS: (
-            "id trial_id query_index candidate posterior_mean posterior_std computed_from"
+            "id trial_id query_index candidate posterior_mean posterior_std sureness computed_from"
         ),
     },
     "events": {

@@ -27,6 +27,7 @@ from .table import (
     QUERY,
     SESSION,
     STUDY,
+    SURENESS,
     TRIAL,
     Column,
     Request,
@@ -188,6 +189,7 @@ def _acquired_columns(plan: Plan) -> tuple[Column, ...]:
         *parameters(plan, "", "the acquired candidate"),
         number("posterior_mean", "Posterior mean of the acquired candidate; none for a knockout."),
         number("posterior_std", "Posterior standard deviation of the same."),
+        SURENESS,
     )
 
 
@@ -208,6 +210,7 @@ def _acquired_rows(db: Session, request: Request) -> Iterator[Row]:
             *by_candidate[environment, row.candidate],
             row.posterior_mean,
             row.posterior_std,
+            row.sureness,
         )
 
 

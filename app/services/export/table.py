@@ -98,6 +98,11 @@ PARTICIPANT = text("participant_id", "Pseudonym of the participant.")
 SESSION = text("session_id", "Pseudonym of the session: one passage through the study.")
 MODE = text("mode", "live, preview, pilot or simulated.")
 TRIAL = integer("trial_index", "Number of the trial in the session, from 0; -1 for the practice.")
+SURENESS = number(
+    "sureness",
+    "Probability, by the model, that no candidate is better than it by more than a tenth of the"
+    " range, or by the plan's own share (stop: within); none for a knockout.",
+)
 QUERY = integer("query_index", "Number of the query within the trial, from 0.")
 
 

@@ -25,6 +25,7 @@ from .table import (
     PLAN_HASH,
     SESSION,
     STUDY,
+    SURENESS,
     TRIAL,
     Column,
     Request,
@@ -64,6 +65,7 @@ def _columns(plan: Plan) -> tuple[Column, ...]:
         *parameters(plan, "", "the acquired candidate"),
         number("posterior_mean", "Posterior mean of the acquired candidate; none for a knockout."),
         number("posterior_std", "Posterior standard deviation of the same."),
+        SURENESS,
     )
 
 
@@ -128,6 +130,7 @@ def _rows(db: Session, request: Request) -> Iterator[Row]:
             *(by_candidate[trial.environment, acquired.candidate] if acquired else unknown),
             acquired.posterior_mean if acquired else None,
             acquired.posterior_std if acquired else None,
+            acquired.sureness if acquired else None,
         )
 
 

@@ -131,7 +131,7 @@ def sessions(
             if row.stage == Stage.WITHDRAWN and begun:
                 # An ended session has no position in the protocol, so use that of its last answer.
                 before = (begun - 1) * where["queries"]
-                where = {**where, "trial": begun, "query": responses - before}
+                where["trial"], where["query"] = begun, max(responses - before, 0)
             lines.append(
                 SessionLine(
                     session_id=row.public_id,
@@ -147,7 +147,10 @@ def sessions(
                     consented=row.consented_at is not None,
                     began=has_begun,
                     flags=noticed.get(row.id, ()),
-                    **where,
+                    trial=where["trial"],
+                    trials=where["trials"],
+                    query=where["query"],
+                    queries=where["queries"],
                 )
             )
         return lines

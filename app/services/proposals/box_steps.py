@@ -33,7 +33,8 @@ class BoxRequest:
     new: how many points of the pair may be new. history: the answered queries that are learnt from,
     oldest first. pending: pairs that wait for a response. excluded: points that are unsafe, which
     is learnt from. unavailable: points that could not be recorded. proposes: whether the next pair
-    is computed. acquires: whether the acquired point is computed.
+    is computed. acquires: whether the acquired point is computed. within: what to be sure of, as
+    for `BoxOptimizer.sureness`; None to leave that out.
     """
 
     space: SearchSpace
@@ -46,6 +47,7 @@ class BoxRequest:
     unavailable: tuple[Point, ...] = ()
     proposes: bool = True
     acquires: bool = True
+    within: float | None = None
 
 
 @dataclass(frozen=True)
@@ -63,12 +65,14 @@ class ProposedPair:
 class AcquiredPoint:
     """The maximum of the posterior mean over the space, with mean and deviation there.
 
-    mean, std: None if the model could not be fitted.
+    mean, std: None if the model could not be fitted. sureness: the probability that no point is
+    better by more than the request's `within`; None in that case too, or if not asked for.
     """
 
     point: Point
     mean: float | None
     std: float | None
+    sureness: float | None = None
 
 
 @dataclass(frozen=True)
@@ -87,7 +91,9 @@ def compute_box_step(request: BoxRequest) -> BoxStep:
         raise NothingToShowError(str(error)) from error
     return BoxStep(
         pair=_pair(optimizer) if request.proposes else None,
-        acquired=_acquired(optimizer) if request.acquires and request.history else None,
+        acquired=_acquired(optimizer, request.within)
+        if request.acquires and request.history
+        else None,
     )
 
 
@@ -146,11 +152,12 @@ def _pair(optimizer: BoxOptimizer) -> ProposedPair:
     )
 
 
-def _acquired(optimizer: BoxOptimizer) -> AcquiredPoint:
+def _acquired(optimizer: BoxOptimizer, within: float | None) -> AcquiredPoint:
     best = optimizer.best()
     point: Point = tuple(best.tolist())
     try:
         mean, std = optimizer.posterior([best])
     except FitError:
         return AcquiredPoint(point, None, None)
-    return AcquiredPoint(point, float(mean[0]), float(std[0]))
+    sureness = None if within is None else optimizer.sureness(within)
+    return AcquiredPoint(point, float(mean[0]), float(std[0]), sureness)

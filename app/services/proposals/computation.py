@@ -35,7 +35,8 @@ class StepRequest:
     """The input of one step.
 
     candidates: (n, d). history: the answered queries, oldest first. ends: whether the history is
-    complete, so that no further query is proposed.
+    complete, so that no further query is proposed. within: what to be sure of, as for
+    `PreferenceOptimizer.sureness`; None to leave that out.
     """
 
     candidates: NDArray[np.float64]
@@ -44,6 +45,7 @@ class StepRequest:
     seed: int
     history: History
     ends: bool
+    within: float | None = None
 
 
 @dataclass(frozen=True)
@@ -51,11 +53,14 @@ class AcquiredCandidate:
     """w_acq after a response: the candidate's index, and its posterior mean and deviation.
 
     mean, std: None if the method has no model (knockout) or the model could not be fitted.
+    sureness: the probability that no candidate is better by more than the request's `within`; None
+    in the same cases, or if it was not asked for.
     """
 
     candidate: int
     mean: float | None
     std: float | None
+    sureness: float | None = None
 
 
 @dataclass(frozen=True)
@@ -86,7 +91,7 @@ def compute_step(request: StepRequest) -> StepResult:
         query=query,
         likelier="left" if query is None else _likelier(optimizer, request.method, query),
         preferences=optimizer.preferences,
-        acquired=_acquired(optimizer, request.method) if request.history else None,
+        acquired=_acquired(optimizer, request) if request.history else None,
     )
 
 
@@ -162,13 +167,14 @@ def _likelier(optimizer: PreferenceOptimizer, method: str, query: Query) -> str:
     return "left" if mean[query.left] >= mean[query.right] else "right"
 
 
-def _acquired(optimizer: PreferenceOptimizer, method: str) -> AcquiredCandidate:
+def _acquired(optimizer: PreferenceOptimizer, request: StepRequest) -> AcquiredCandidate:
     best = optimizer.best()
-    posterior = _posterior(optimizer, method)
+    posterior = _posterior(optimizer, request.method)
     if posterior is None:
         return AcquiredCandidate(best, None, None)
     mean, std = posterior
-    return AcquiredCandidate(best, float(mean[best]), float(std[best]))
+    sureness = None if request.within is None else optimizer.sureness(request.within)
+    return AcquiredCandidate(best, float(mean[best]), float(std[best]), sureness)
 
 
 def _posterior(

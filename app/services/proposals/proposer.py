@@ -24,8 +24,10 @@ from app.services.runtime.metrics import Metrics
 from app.storage.database import Database
 from app.storage.models.studies import Candidate, Recording
 from app.study.attention_checks import Checks
+from app.study.stopping import USUAL_WITHIN
 
 from .box_proposer import BoxProposer
+from .box_steps import AcquiredPoint
 from .computation import (
     AcquiredCandidate,
     FitProcess,
@@ -99,6 +101,15 @@ class TrialSpec:
     checks: Checks = field(default=Checks(), hash=False)
     #: Version of the optimiser at the start of the trial.
     engine_version: str = ENGINE_VERSION
+    #: What the acquired candidate is to be sure of (see `StepRequest`).
+    within: float | None = USUAL_WITHIN
+    #: The trial ends as soon as it is this sure; None: after all its queries.
+    sure: float | None = None
+
+    def is_sure(self, acquired: AcquiredCandidate | AcquiredPoint | None) -> bool:
+        """Whether the trial ends with what it acquired, being as sure as its plan wants."""
+        sureness = None if acquired is None else acquired.sureness
+        return self.sure is not None and sureness is not None and sureness >= self.sure
 
     @property
     def training_responses(self) -> int:
@@ -302,6 +313,7 @@ def _step_request(candidate_set: CandidateSet, trial: TrialSpec, history: Histor
         seed=trial.seed,
         history=history,
         ends=len(history) >= trial.training_responses,
+        within=trial.within,
     )
 
 

@@ -71,6 +71,12 @@ def _course(plan: Plan) -> Iterator[str]:
         f" {many(plan.trials_per_condition, 'trial')} for each of"
         f" {many(len(plan.conditions), 'condition')}; each trial begins with a fresh model."
     )
+    if plan.stop is not None:
+        yield (
+            f"A trial ends earlier, after the first response by which its model is"
+            f" {plan.stop.sure * 100:g} % sure that no candidate is better than the acquired one by"
+            f" more than {plan.stop.within * 100:g} % of the range of the latent function."
+        )
     orders = len(plan_orders(plan))
     if plan.order == "counterbalanced":
         yield f"The order of the conditions is counterbalanced over {many(orders, 'order')}."

@@ -103,6 +103,24 @@ def _scores(found: Result, study: StudyInfo) -> Chart:
     )
 
 
+def _sureness(found: Result, study: StudyInfo) -> Chart:
+    return bands(
+        [
+            {
+                "panel": "",
+                "method": row["condition"],
+                "query": row["answers"],
+                "value": row["sureness"],
+            }
+            for row in found.rows
+        ],
+        methods=_conditions(found.rows, study),
+        x_title="answers that the method learned from",
+        y_title="probability that it is good enough",
+        counted="trials",
+    )
+
+
 def _skips(found: Result, _study: StudyInfo) -> Chart:
     rows = sorted(found.rows, key=lambda row: row["skips"])
     return counts(
@@ -160,6 +178,11 @@ def _path(found: Result, study: StudyInfo) -> Chart:
             }
             for parameter in study.plan.parameters
             for row in found.rows
+        ]
+        + [
+            {"panel": "how sure", "query": row["query_index"] + 1, "value": row["sureness"]}
+            for row in found.rows
+            if row["sureness"] is not None
         ],
         x_title="answers",
     )
@@ -168,12 +191,12 @@ def _path(found: Result, study: StudyInfo) -> Chart:
 def _posterior(found: Result, study: StudyInfo) -> Chart:
     """Two maps if W is two-dimensional; otherwise the mean along each parameter."""
     parameters = study.plan.parameters
-    best = found.rows[found.extra["best"]]
+    best, ground = found.extra["best"], found.extra["ground"]
     shown = [row for row in found.rows if row["times_shown"]]
     if len(parameters) != 2:
         titles = {p.name: axis_title(p, study) for p in parameters}
         return slices(
-            [row for name, title in titles.items() for row in _along(found.rows, name, title)],
+            [row for name, title in titles.items() for row in _along(ground, name, title)],
             points=[
                 {"panel": title, "value": row[name]}
                 for name, title in titles.items()
@@ -182,7 +205,7 @@ def _posterior(found: Result, study: StudyInfo) -> Chart:
             optimum=[{"panel": title, "value": best[name]} for name, title in titles.items()],
         )
     across, up = (
-        side(p.name, axis_title(p, study), [row[p.name] for row in found.rows]) for p in parameters
+        side(p.name, axis_title(p, study), [row[p.name] for row in ground]) for p in parameters
     )
     panels = {"Posterior mean": "posterior_mean", "Its uncertainty": "posterior_std"}
 
@@ -193,7 +216,7 @@ def _posterior(found: Result, study: StudyInfo) -> Chart:
         [
             {**placed(row, panel), "value": row[column]}
             for panel, column in panels.items()
-            for row in found.rows
+            for row in ground
         ],
         points=[
             placed(row, panel)
@@ -212,9 +235,11 @@ def _posterior(found: Result, study: StudyInfo) -> Chart:
 
 
 def _along(rows: Sequence[Row], name: str, title: str) -> list[Row]:
+    """The mean over the rows of each value of the parameter, of those along it where some are."""
     means: dict[float, list[Row]] = {}
     for row in rows:
-        means.setdefault(row[name], []).append(row)
+        if row.get("varies") in (None, name):
+            means.setdefault(row[name], []).append(row)
     found: list[Row] = []
     for value, there in means.items():
         mean = sum(row["posterior_mean"] for row in there) / len(there)
@@ -229,6 +254,7 @@ _DRAWN: Final[Mapping[str, Callable[[Result, StudyInfo], Chart]]] = MappingProxy
     {
         "acquired-on-w": _on_w,
         "acquired-scores": _scores,
+        "how-sure": _sureness,
         "win-rates": _dots(
             "wins against the average",
             "candidate",

@@ -44,7 +44,8 @@ class AcquiredRow(NamedTuple):
     """The acquired candidate after one response that the model learnt from.
 
     learned: number of such responses in the trial so far, including this one. Responses to checks
-    are not among them, unless the plan lets the model learn from checks.
+    are not among them, unless the plan lets the model learn from checks. sureness: None where the
+    trial's model does not say.
     """
 
     session: str
@@ -56,6 +57,7 @@ class AcquiredRow(NamedTuple):
     query: int
     candidate: int
     learned: int
+    sureness: float | None
 
 
 def answers(db: Session, request: Request) -> Iterator[Answer]:
@@ -81,14 +83,21 @@ def answers(db: Session, request: Request) -> Iterator[Answer]:
 def acquired_rows(db: Session, request: Request) -> Iterator[AcquiredRow]:
     """The acquired candidates, in the order of sessions, trials and queries."""
     statement = (
-        _of_trials(request, Trial.ended_at.is_not(None), Acquired.query_index, Acquired.candidate)
+        _of_trials(
+            request,
+            Trial.ended_at.is_not(None),
+            Acquired.query_index,
+            Acquired.candidate,
+            Acquired.sureness,
+        )
         .join(Acquired, Acquired.trial_id == Trial.id)
         .order_by(Acquired.query_index)
     )
     trial, learned = ("", -1), 0
     for row in db.execute(statement):
         # There is one row for each response that the model learnt from, in order.
-        session_id, participant, index, condition, environment, finished, query, candidate = row
+        session_id, participant, index, condition, environment, finished, *at = row
+        query, candidate, sureness = at
         learned = learned + 1 if trial == (session_id, index) else 1
         trial = session_id, index
         yield AcquiredRow(
@@ -101,6 +110,7 @@ def acquired_rows(db: Session, request: Request) -> Iterator[AcquiredRow]:
             query,
             candidate,
             learned,
+            sureness,
         )
 
 

@@ -21,9 +21,10 @@ from app.services.export.table import Request, trials_of
 from app.services.proposals.trial_schedule import training_history
 from app.services.sessions import queries
 from app.storage.models.studies import Acquired, Participant, SessionRow, Trial
+from app.study.stopping import USUAL_WITHIN
 
 #: Being better by less than this share of the range of liking makes no difference.
-WITHIN: Final = 0.1
+WITHIN: Final = USUAL_WITHIN
 #: Samples of the people, drawn with replacement: a share of one half has an error of 1.6 %.
 RESAMPLES: Final = 1000
 

@@ -12,7 +12,7 @@ from sqlalchemy.orm import Session
 from app.services.context import AppContext
 from app.services.export.table import Request
 
-from . import acquired, acquired_scores, response_behaviour, win_rates
+from . import acquired, acquired_scores, response_behaviour, sureness, win_rates
 from .result import Result
 
 
@@ -45,6 +45,12 @@ FINDINGS: Final[Mapping[str, Finding]] = MappingProxyType(
             " t-tests corrected by Holm's method.",
             acquired_scores.scores_acquired,
             is_wide=True,
+        ),
+        "how-sure": Finding(
+            "How sure",
+            "How sure the models are of what is acquired: the median trial per condition, and the"
+            " middle half.",
+            sureness.how_sure,
         ),
         "win-rates": Finding(
             "Win rates",

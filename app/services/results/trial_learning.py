@@ -1,4 +1,4 @@
-"""Results of one trial: the path of the acquired candidate, and the posterior."""
+"""Results of one trial by name, and the path of its acquired candidate."""
 
 from __future__ import annotations
 
@@ -7,19 +7,18 @@ from itertools import pairwise
 from types import MappingProxyType
 from typing import Any, Final
 
-import numpy as np
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from app.services.context import AppContext
 from app.services.monitoring.session_detail import find_session
-from app.services.proposals.trial_schedule import training_history
 from app.services.runtime.errors import NotFoundError
 from app.services.sessions import queries
-from app.services.studies.repository import StudyInfo
+from app.services.studies.repository import StudyInfo, stored_plan
 from app.storage.models.studies import Acquired, Trial
 
 from .result import Result, Row
+from .trial_posterior import is_sure, posterior
 
 
 def find(app: AppContext, study: StudyInfo, session_id: str, trial_index: int, name: str) -> Result:
@@ -44,13 +43,15 @@ def path(app: AppContext, db: Session, trial: Trial) -> Result:
             **_point(space, candidate),
             "posterior_mean": mean,
             "posterior_std": std,
+            "sureness": sureness,
         }
-        for at, candidate, mean, std in db.execute(
+        for at, candidate, mean, std, sureness in db.execute(
             select(
                 Acquired.query_index,
                 Acquired.candidate,
                 Acquired.posterior_mean,
                 Acquired.posterior_std,
+                Acquired.sureness,
             )
             .where(Acquired.trial_id == trial.id)
             .order_by(Acquired.query_index)
@@ -70,48 +71,13 @@ def path(app: AppContext, db: Session, trial: Trial) -> Result:
         if moves
         else f"Candidate {rows[-1]['candidate']} is acquired {last}."
     )
+    says += is_sure(rows[-1]["sureness"], stored_plan(trial.session.plan).within)
     shown = len(queries.read_record(db, trial.id))
     if shown > len(rows):
         says += (
             f" Counted are answers that the model learns from: {shown - len(rows)} checks are not."
         )
     return Result(rows, says)
-
-
-def posterior(app: AppContext, db: Session, trial: Trial) -> Result:
-    """Posterior mean and standard deviation of the candidates after all answers so far."""
-    spec = queries.trial_spec(
-        trial.session, trial.trial_index, trial.seed, trial.queries[0].engine_version
-    )
-    space = app.proposer.candidate_set(spec.study_id, spec.environment)
-    record = queries.read_record(db, trial.id)
-    history = training_history(spec, record)
-    belief = app.proposer.posteriors.posterior(
-        space.candidates, spec.method, spec.settings, spec.seed, history
-    )
-    if belief is None:
-        return Result((), f"There is no model to show: {trial.method}, {len(history)} answers.")
-    mean, std = belief
-    shown = np.zeros(len(mean), dtype=int)
-    for query in record:
-        shown[[query.left, query.right]] += 1
-    rows: list[Row] = [
-        {
-            "candidate": candidate,
-            **_point(space, candidate),
-            "posterior_mean": float(mean[candidate]),
-            "posterior_std": float(std[candidate]),
-            "times_shown": int(shown[candidate]),
-        }
-        for candidate in range(len(mean))
-    ]
-    best = int(np.argmax(mean))
-    where = ", ".join(f"{name} {value:g}" for name, value in _point(space, best).items())
-    says = (
-        f"After {len(history)} answers the mean is highest at candidate {best} ({where});"
-        f" {int((shown > 0).sum())} of {len(mean)} candidates were shown."
-    )
-    return Result(rows, says, extra={"best": best})
 
 
 def _point(space: Any, candidate: int) -> dict[str, float]:

@@ -160,8 +160,9 @@ def derived(
     taught, training = learnt(record, part[0])
     acquired = None
     if step.acquired is not None:
+        found = step.acquired
         acquired = AcquiredCandidate(
-            candidates[step.acquired.point].candidate_index, step.acquired.mean, step.acquired.std
+            candidates[found.point].candidate_index, found.mean, found.std, found.sureness
         )
     return replace(taught, acquired=acquired), training
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from sqlalchemy import select
@@ -13,7 +13,7 @@ from app.services.proposals.box_steps import Point, compute_box_step, point_key
 from app.services.proposals.trial_schedule import AnsweredQueries, is_training
 from app.storage.models.studies import Acquired, PreferenceRow, Trial
 
-from . import box_trials, queries
+from . import box_trials, early_end, queries
 from .box_trials import BoxTrial, Sources
 
 
@@ -34,6 +34,9 @@ def differences(db: Session, trial: Trial) -> Iterator[Mismatch]:
     spec = queries.trial_spec(
         trial.session, trial.trial_index, trial.seed, trial.queries[0].engine_version
     )
+    if spec.sure is None:
+        # Not compared, and half of the work.
+        spec = replace(spec, within=None)
     box = box_trials.trial_of(trial.session, spec)
     assert box is not None
     record = queries.read_record(db, trial.id)
@@ -56,15 +59,22 @@ def differences(db: Session, trial: Trial) -> Iterator[Mismatch]:
         if was != would_be:
             attempt = f", attempt {row.attempt}" if row.attempt else ""
             yield Mismatch(f"query {row.query_index}{attempt}", was, would_be)
+    sure = []
     for row_acquired, source in zip(acquired, sources_acquired, strict=True):
         request = box_trials.request(box, record, source, points, proposes=False, acquires=True)
         found = compute_box_step(request).acquired
+        if spec.is_sure(found):
+            sure.append(row_acquired.query_index)
         stored = _key(box, points[row_acquired.candidate])
         computed = None if found is None else _key(box, found.point)
         if stored != computed:
             what = f"acquired after query {row_acquired.query_index}"
             yield Mismatch(what, (stored,), (computed,))
     gone = {row.query_index for row in trial.queries if row.withdrawn_at is not None}
+    # A trial that ended stays ended, however sure it is without what was withdrawn.
+    ended = None if gone else early_end.difference(trial, spec, len(record), sure)
+    if ended is not None:
+        yield Mismatch(early_end.WHAT, ended[:1], ended[1:])
     if sources_acquired and (stale := gone & {*sources_acquired[-1].answered}):
         what = f"what was learnt of the candidate acquired after query {acquired[-1].query_index}"
         yield Mismatch(what, tuple(sorted(stale)), ())

@@ -175,6 +175,7 @@ def request(
         unavailable=tuple(points[index] for index in sources.failed),
         proposes=proposes,
         acquires=acquires,
+        within=trial.spec.within if acquires else None,
     )
 
 

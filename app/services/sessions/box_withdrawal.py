@@ -175,5 +175,6 @@ def _derive_again(app: AppContext, db: Session, row: Trial) -> BoxRequest | None
     [candidate] = candidate_rows.find_or_add(db, trial, [found.acquired.point]).values()
     last.candidate = candidate.candidate_index
     last.posterior_mean, last.posterior_std = found.acquired.mean, found.acquired.std
+    last.sureness = found.acquired.sureness
     last.computed_from = sources.as_json()
     return None

@@ -53,6 +53,7 @@ def store_acquired(
             "candidate": step.acquired.candidate,
             "posterior_mean": step.acquired.mean,
             "posterior_std": step.acquired.std,
+            "sureness": step.acquired.sureness,
         }
         if computed_from is not None:
             acquired["computed_from"] = computed_from

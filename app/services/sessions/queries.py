@@ -82,6 +82,8 @@ def trial_spec(
         attention=plan.attention_per_trial,
         checks=plan.checks,
         engine_version=engine_version,
+        within=plan.within,
+        sure=None if plan.stop is None else plan.stop.sure,
     )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from sqlalchemy import select
@@ -21,7 +21,7 @@ from app.services.studies import repository
 from app.storage.models.studies import Acquired, PreferenceRow, QueryRow, SessionRow, Trial
 from app.study.stage_settings import PRACTICE_INDEX
 
-from . import box_replay, queries, shared_replay
+from . import box_replay, early_end, queries, shared_replay
 from .derived_rows import preferences
 from .shared_replay import SharedReplay
 
@@ -31,7 +31,8 @@ class Difference:
     """A stored value that the computation does not reproduce.
 
     what: a query (candidates and recordings, left and right), the candidate acquired after a query,
-    or the trial's preferences (index, winner, loser, origin, queries; those that differ).
+    the query after which the trial was sure enough to end, or the trial's preferences
+    (index, winner, loser, origin, queries; those that differ).
     """
 
     what: str
@@ -94,22 +95,30 @@ def _differences(app: AppContext, db: Session, trial: Trial) -> Iterator[Differe
     spec = queries.trial_spec(
         trial.session, trial.trial_index, trial.seed, trial.queries[0].engine_version
     )
+    if spec.sure is None:
+        # Not compared, and half of the work.
+        spec = replace(spec, within=None)
     candidate_set = app.proposer.candidate_set(spec.study_id, spec.environment)
     record = queries.read_record(db, trial.id)
     # A replacement for a video that did not play depends on which recordings were available.
     asked = {query.query_index: query for query in trial.queries if query.attempt == 0}
     acquired: dict[int, int] = {}
+    sure: list[int] = []
     for place in range(len(record) + 1):
         before = record[:place]
         step = next_step(candidate_set, spec, training_history(spec, before))
         if place > 0 and step.acquired and is_training(spec, before[-1].trial_type):
             acquired[place - 1] = step.acquired.candidate
+            sure += [place - 1] if spec.is_sure(step.acquired) else []
         if place in asked:
             proposal = next_query(candidate_set, spec, before, step)
             assert proposal is not None
             was, would_be = _shown(asked[place]), _proposed(proposal)
             if was != would_be:
                 yield Difference(f"query {place}", was, would_be)
+    ended = early_end.difference(trial, spec, len(record), sure)
+    if ended is not None:
+        yield Difference(early_end.WHAT, ended[:1], ended[1:])
     stored = _acquired(db, trial)
     for place in sorted(acquired.keys() | stored.keys()):
         if stored.get(place) != acquired.get(place):

@@ -231,9 +231,12 @@ def _store_over_space(
     computed: Computed,
 ) -> None:
     """Write the response, its derived rows and the next query, and ask for its videos."""
-    now = _write_response(app, db, session, query, answer)
+    is_training_one = is_training(asked.trial, query.trial_type)
+    acquired = None if computed.acquired is None else computed.acquired.acquired
+    is_sure = is_training_one and asked.trial.is_sure(acquired)
+    now = _write_response(app, db, session, query, answer, is_sure=is_sure)
     candidates = candidate_rows.find_or_add(db, trial, computed.points)
-    if is_training(asked.trial, query.trial_type):
+    if is_training_one:
         box_queries.store_derived(db, query, computed, candidates, asked.record)
     if session.stage == Stage.QUERY and session.trial_index == query.trial.trial_index:
         box_queries.open_following(db, trial, query.trial_id, computed, candidates, now)
@@ -307,11 +310,14 @@ def _store(
 
     Raises OutOfOrder, before anything is written, if the session's open query is another one.
     """
-    now = _write_response(app, db, session, query, answer)
+    is_training_one = is_training(asked.trial, query.trial_type)
+    acquired = None if step is None else step.acquired
+    is_sure = is_training_one and asked.trial.is_sure(acquired)
+    now = _write_response(app, db, session, query, answer, is_sure=is_sure)
     if step is None:
         _continue_practice(app, db, session, query, now)
         return None
-    if is_training(asked.trial, query.trial_type):
+    if is_training_one:
         derived_rows.store(db, query, step, training_records(asked.trial, asked.record))
     if session.stage == Stage.QUERY and session.trial_index == query.trial.trial_index:
         candidate_set = app.proposer.candidate_set(asked.trial.study_id, asked.trial.environment)
@@ -324,11 +330,21 @@ def _store(
 
 
 def _write_response(
-    app: AppContext, db: Session, session: SessionRow, query: QueryRow, answer: Answer
+    app: AppContext,
+    db: Session,
+    session: SessionRow,
+    query: QueryRow,
+    answer: Answer,
+    *,
+    is_sure: bool = False,
 ) -> datetime:
-    """Advance the session and write the response with its client events; the time of both."""
+    """Advance the session and write the response with its client events; the time of both.
+
+    is_sure: whether this response ends its trial early.
+    """
     now = app.now()
-    lookup.advance(app, session, stages.Responded(query_index=query.query_index, at=now))
+    responded = stages.Responded(query_index=query.query_index, at=now, is_sure=is_sure)
+    lookup.advance(app, session, responded)
     given = {
         "query_id": query.id,
         "response": answer.response,

@@ -159,7 +159,7 @@ def designs(app: AppContext, study: StudyInfo) -> list[Design]:
         return []
     with app.database.read() as db:
         scores = mean_scores(db, study.id)
-        curves = _curves(db, study.id, scores)
+        curves = _curves(db, study.id, scores, ends_early=study.plan.stop is not None)
         kinds = _evaluators(db, study.id)
     by_kind: dict[str, dict[tuple[int, str], list[float]]] = {}
     for (session_id, condition), curve in curves.items():
@@ -247,8 +247,14 @@ def _steps(queries: int) -> list[int]:
     return sorted({max(1, round(queries * third / 3)) for third in (1, 2, 3)})
 
 
-def _curves(db: Session, study_id: int, scores: Mapping[tuple[str, int], float]) -> Curves:
-    """The mean score curve per session and condition; trials of another length are left out."""
+def _curves(
+    db: Session, study_id: int, scores: Mapping[tuple[str, int], float], *, ends_early: bool
+) -> Curves:
+    """The mean score curve per session and condition.
+
+    Where trials may end early, a shorter one keeps the score of its end; otherwise trials of
+    another length are left out. ends_early: whether they may.
+    """
     trials: dict[tuple[int, str, int], list[float]] = defaultdict(list)
     for session_id, condition, trial_id, environment, candidate in db.execute(
         select(SessionRow.id, Trial.condition, Trial.id, Trial.environment, Acquired.candidate)
@@ -267,6 +273,7 @@ def _curves(db: Session, study_id: int, scores: Mapping[tuple[str, int], float])
     longest = max(map(len, trials.values()), default=0)
     grouped: dict[tuple[int, str], list[list[float]]] = defaultdict(list)
     for (session_id, condition, _), curve in trials.items():
-        if len(curve) == longest:
-            grouped[session_id, condition].append(curve)
+        missing = longest - len(curve)
+        if ends_early or not missing:
+            grouped[session_id, condition].append([*curve, *[curve[-1]] * missing])
     return {key: np.mean(curves, axis=0).tolist() for key, curves in grouped.items()}

@@ -384,6 +384,8 @@ class Acquired(Base):
     candidate: Mapped[int]
     posterior_mean: Mapped[float | None]
     posterior_std: Mapped[float | None]
+    #: Probability that no candidate is better by more than the plan's `within` of the range.
+    sureness: Mapped[float | None]
     # In a box or under a shared model, what it was computed from: as `QueryRow.proposed_from`.
     computed_from: Mapped[dict[str, Any] | None]
 

@@ -20,6 +20,9 @@ class Progress(BaseModel):
     trials: int
     query: int
     queries: int
+    at_most: bool | None = Field(
+        default=None, description="true where a trial may end before its last query."
+    )
 
 
 class QueryWords(BaseModel):

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from app.lab.sureness import Said, calibration, main, summary
+from app.lab.sureness import Said, calibration, main, sets, stopping
 
 
 def said(seed: int, query: int, sure: float, *, right: bool, regret: float) -> Said:
@@ -17,6 +17,7 @@ def test_what_was_said_is_set_against_what_was_true_in_tenths() -> None:
         said(1, 30, 0.98, right=False, regret=9.0),
         said(2, 30, 1.0, right=True, regret=1.0),
         said(3, 30, 0.1, right=False, regret=9.0),
+        said(3, 9, 0.1, right=True, regret=9.0),
     ]
 
     assert calibration(trials).splitlines()[2:] == [
@@ -32,9 +33,11 @@ def test_a_trial_ends_at_the_first_query_that_is_sure_enough() -> None:
     ]
     other = [said(1, query, 0.5, right=True, regret=2.0) for query in (10, 11, 12)]
 
-    assert summary([*one, *other]).splitlines()[2:] == [
-        "| env1 | 7, 100 % | 50 % | 11.5 | 10.50 | 10.00 |"
+    assert stopping([*one, *other], (0.95, 0.99)).splitlines()[2:] == [
+        "| env1 (2) | 0.95 | 50 % | 11.5 | 10.50 | 10.00 | +0.50 ± 0.50 |",
+        "| env1 (2) | 0.99 | 0 % | 12.0 | 10.00 | 10.00 | +0.00 ± 0.00 |",
     ]
+    assert sets([*one, *other]).splitlines()[2:] == ["| env1 | 2 | 7 | 100 % |"]
 
 
 def test_the_command_writes_what_trials_said(
@@ -45,5 +48,5 @@ def test_the_command_writes_what_trials_said(
     few = ["--trials", "1", "--queries", "11", "--problems", "branin"]
     main([*few, "--out", str(file)])
 
-    assert len(file.read_text().splitlines()) == 1 + 2
-    assert "| branin | " in capsys.readouterr().out
+    assert len(file.read_text().splitlines()) == 1 + 11
+    assert "| branin (1) | " in capsys.readouterr().out

@@ -32,14 +32,7 @@ def _session(plan: Plan) -> Iterator[str]:
         f"{_many(plan.trials, 'trial')}: each of {_many(len(plan.conditions), 'condition')}"
         f" {_times(plan.trials_per_condition)}, {_order(plan)}."
     )
-    most = "" if plan.stop is None else "at most "
-    pairs = _many(plan.queries_per_trial, "pair")
-    yield f"In each trial, {most}{pairs} of videos chosen by its method."
-    if plan.stop is not None:
-        yield (
-            f"A trial ends earlier if its model is {plan.stop.sure * 100:g} % sure that no"
-            f" candidate is better by more than {plan.stop.within * 100:g} % of the range."
-        )
+    yield from _pairs(plan)
     yield from _shared_models(plan)
     yield from _machines(plan)
     checks = []
@@ -66,6 +59,17 @@ def _session(plan: Plan) -> Iterator[str]:
         if items:
             yield f"{when}, {_many(len(items), 'question')}."
 
+
+def _pairs(plan: Plan) -> Iterator[str]:
+    """How many pairs a trial has, and when it ends earlier."""
+    most = "" if plan.stop is None else "at most "
+    pairs = _many(plan.queries_per_trial, "pair")
+    yield f"In each trial, {most}{pairs} of videos chosen by its method."
+    if plan.stop is not None:
+        yield (
+            f"A trial ends earlier if its model is {plan.stop.sure * 100:g} % sure that no"
+            f" candidate is better by more than {plan.stop.within * 100:g} % of the range."
+        )
 
 def _shared_models(plan: Plan) -> Iterator[str]:
     """Which conditions' answers teach one model, and what it looks for."""

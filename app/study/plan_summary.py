@@ -71,6 +71,7 @@ def _pairs(plan: Plan) -> Iterator[str]:
             f" candidate is better by more than {plan.stop.within * 100:g} % of the range."
         )
 
+
 def _shared_models(plan: Plan) -> Iterator[str]:
     """Which conditions' answers teach one model, and what it looks for."""
     for condition in plan.conditions:

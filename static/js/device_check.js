@@ -130,6 +130,7 @@ function advise(lacks) {
       line.className = "notice";
       line.textContent = words;
       advice.append(line);
+      announce(words);
     }
   }
 }

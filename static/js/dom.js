@@ -44,12 +44,33 @@ export function focusHeading() {
   }
 }
 
+/** How long one announcement stands before the next: what is replaced sooner is not read. */
+const STANDS_MS = 700;
+
+/** @type {string[]} */
+const announcements = [];
+let isAnnouncing = false;
+
 /**
- * Say something to those who do not see the page.
+ * Say something to those who do not see the page, after what is being said.
  * @param {string} text
  */
 export function announce(text) {
-  byId("announcer").textContent = text;
+  if (!announcements.includes(text)) {
+    announcements.push(text);
+  }
+  if (!isAnnouncing) {
+    announceNext();
+  }
+}
+
+function announceNext() {
+  const text = announcements.shift();
+  isAnnouncing = text !== undefined;
+  if (text !== undefined) {
+    byId("announcer").textContent = text;
+    setTimeout(announceNext, STANDS_MS);
+  }
 }
 
 /** @returns {boolean} whether the reader asked for less motion */

@@ -205,8 +205,14 @@ function say() {
  */
 async function respond(response, event) {
   keepKeysWorking(event);
-  if (!buttons.isOpen || skipReasons.isOpen) {
+  if (!buttons.isOpen) {
     return;
+  }
+  if (skipReasons.isOpen) {
+    skipReasons.dismiss(); // not skipped after all; a second press on skip only takes it back
+    if (response === "skip") {
+      return;
+    }
   }
   const { id } = query;
   try {
@@ -474,9 +480,11 @@ async function look(mine) {
  */
 function warn(text, label, action) {
   const line = byId("notice-text");
+  const wasHidden = notice.hidden;
   notice.hidden = false;
-  if (line.textContent !== text) {
+  if (line.textContent !== text || wasHidden) {
     line.textContent = text;
+    announce(text);
   }
   noticeAction.hidden = !action;
   noticeAction.textContent = label ?? "";

@@ -1,6 +1,6 @@
 /**
- * Why a pair is skipped: a few small buttons over the videos, which play on. The response counts from the press
- * on skip; what is chosen here only says what was meant by it.
+ * Why a pair is skipped: a few small buttons below the pair, which plays on. The response counts from the press
+ * on skip; what is chosen here only says what was meant by it. The reasons come in the order of the session.
  *
  * @typedef {{name: string, label: string}} Reason
  */
@@ -18,6 +18,12 @@ export class SkipReasons {
     this.list = within(panel, "[data-reasons]");
     within(panel, "[data-back]").addEventListener("click", () => this.#close(null));
     panel.addEventListener("keydown", (event) => this.#key(event));
+    document.addEventListener("keydown", (event) => {
+      if (event.key === "Escape" && this.isOpen) {
+        this.#close(null);
+        event.preventDefault();
+      }
+    });
   }
 
   get isOpen() {
@@ -32,6 +38,7 @@ export class SkipReasons {
     this.list.textContent = "";
     this.list.append(...reasons.map((reason) => this.#button(reason)));
     this.panel.hidden = false;
+    this.#makeRoom();
     // Not one of the reasons: the key that was pressed last, or that is held, must not choose one.
     this.panel.focus();
     return new Promise((resolve) => {
@@ -66,16 +73,21 @@ export class SkipReasons {
   /** @param {string | null} name */
   #close(name) {
     this.panel.hidden = true;
+    this.#makeRoom();
     this.#choose(name);
+  }
+
+  /** Both videos become smaller by as much as the panel needs of the page's height. */
+  #makeRoom() {
+    const page = /** @type {HTMLElement | null} */ (this.panel.closest("main"));
+    page?.style.setProperty("--panel", this.isOpen ? `${this.panel.offsetHeight}px` : "0px");
   }
 
   /** @param {KeyboardEvent} event */
   #key(event) {
     const steps = { ArrowDown: 1, ArrowRight: 1, ArrowUp: -1, ArrowLeft: -1 };
     const step = steps[/** @type {keyof typeof steps} */ (event.key)];
-    if (event.key === "Escape") {
-      this.#close(null);
-    } else if (step && event.repeat) {
+    if (step && event.repeat) {
       // The key that opened the panel is still held.
     } else if (step) {
       const { buttons } = this;

@@ -32,6 +32,7 @@ from app.web.evaluator import (
     privacy_pages,
     re_entry_pages,
     stage_pages,
+    trouble_pages,
 )
 from app.web.experimenter import (
     account_pages,
@@ -147,6 +148,7 @@ def create_app(
         leaving_pages,
         re_entry_pages,
         privacy_pages,
+        trouble_pages,
         sign_in_pages,
         invitation_pages,
         account_pages,
@@ -171,7 +173,7 @@ def create_app(
         fastapi_app.include_router(module.router)
     # The pages of evaluators again, for sessions that do not count.
     for prefix in session_paths.PREFIXES.values():
-        for pages in (entry_pages, stage_pages, leaving_pages, privacy_pages):
+        for pages in (entry_pages, stage_pages, leaving_pages, privacy_pages, trouble_pages):
             fastapi_app.include_router(pages.router, prefix=prefix)
     return fastapi_app
 

@@ -34,6 +34,16 @@ const ADVICE = {
   }),
 };
 
+const ZOOMED = gettext("The page is zoomed in. Please zoom out while you take part: Ctrl or Command, and the minus key. You can zoom in again afterwards.");
+
+/** By how much a window is wider than what is in it, without any zoom: its edges, and a bar at its side. */
+const EDGES = 1.15;
+
+/** @returns {boolean} whether it is the zoom that takes the room */
+function isZoomed() {
+  return window.outerWidth > EDGES * window.innerWidth || (window.visualViewport?.scale ?? 1) > 1.01;
+}
+
 /** @typedef {keyof typeof ADVICE} Lack */
 
 /** @type {{width_px: number, played: boolean, mbit_s: number | null}} */
@@ -66,7 +76,8 @@ function play() {
 }
 
 function measureWidth() {
-  measured.width_px = window.innerWidth;
+  // What overflows widens `innerWidth` on phones.
+  measured.width_px = Math.min(window.innerWidth, document.documentElement.clientWidth);
   if (check.min_width_px !== null) {
     settle("width", measured.width_px >= check.min_width_px);
   }
@@ -111,6 +122,10 @@ function show() {
   const lacking = lines.filter(({ dataset }) => dataset.result === "lacking");
   const isGood = lines.every(({ dataset }) => dataset.result === "good");
   advise(lacking.map(({ dataset }) => /** @type {Lack} */ (dataset.check)));
+  const lacks = new Set(lacking.map(({ dataset }) => dataset.check));
+  const helps = /** @type {HTMLElement[]} */ ([...page.querySelectorAll("[data-helps]")]);
+  const shown = helps.find(({ dataset }) => lacks.has(dataset.helps));
+  helps.forEach((link) => (link.hidden = link !== shown));
   again.hidden = lacking.length === 0;
   giveUp.hidden = lacking.length === 0;
   if (leave.disabled && isGood) {
@@ -121,7 +136,7 @@ function show() {
 
 /** @param {Lack[]} lacks */
 function advise(lacks) {
-  const text = lacks.map((name) => ADVICE[name]);
+  const text = lacks.flatMap((name) => (name === "width" && isZoomed() ? [ZOOMED, ADVICE[name]] : [ADVICE[name]]));
   const advice = byId("advice");
   if (advice.textContent !== text.join("")) {
     advice.textContent = "";

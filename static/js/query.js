@@ -355,11 +355,10 @@ async function setAside(how) {
 
 /** Another pair would not help: what may, and the way out, for as long as nothing plays. */
 function sayNothingPlays() {
-  const leave = document.querySelector('[data-testid="withdraw"]');
   warn(
-    gettext("No video plays here. Your network, or a blocker in your browser, may be stopping them: try another network, or allow this site. If that does not help, please stop here and tell the people who run this study."),
-    gettext("Stop taking part"),
-    () => leave instanceof HTMLAnchorElement && leave.click(),
+    gettext("No video plays here. Your network, or a blocker in your browser, may be stopping them: try another network, or allow this site."),
+    gettext("What helps"),
+    () => location.assign(byId("query").dataset.trouble ?? ""),
   );
   const mine = turn;
   whenPlays(mine).then(() => mine === turn && (notice.hidden = true));

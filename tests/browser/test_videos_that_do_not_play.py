@@ -11,6 +11,7 @@ from app.services.runtime.settings import Settings
 from app.storage.models.studies import Event, QueryRow, Response
 
 from .evaluator import FIRST_FRAME_MS, answer, enter, enter_small, query_on_screen, watch
+from .for_everyone import violations
 from .server import Server
 from .small_study import SMALL_PLAN
 
@@ -117,8 +118,9 @@ def test_a_pair_that_halts_on_a_slow_line_says_so_and_plays_on_together(
 def test_where_no_video_can_play_the_page_says_what_may_help_and_leads_out(
     page: Page, serve: Callable[[str], Server]
 ) -> None:
-    server = serve(SMALL_PLAN)
-    enter_small(page, f"{server.url}/s/small")
+    codes = "{completed: DONE-1, technical: BROKEN-1}"
+    server = serve(SMALL_PLAN + f"recruitment: {{platform: prolific, codes: {codes}}}\n")
+    enter_small(page, f"{server.url}/s/small?PROLIFIC_PID=5f0c")
     page.route("**/media/**", lambda route: route.abort())
     page.context.new_cdp_session(page).send("Network.clearBrowserCache")
     page.reload()
@@ -140,7 +142,13 @@ def test_where_no_video_can_play_the_page_says_what_may_help_and_leads_out(
         page.wait_for_timeout(1000)
         page.get_by_test_id("fault").click()
     page.locator("#notice-action").click()
-    expect(page).to_have_url(f"{server.url}/s/small/withdraw")
+    expect(page.get_by_role("heading", level=1)).to_have_text("The videos do not load")
+    expect(page.get_by_text("Try another network")).to_be_visible()
+    expect(page.get_by_test_id("completion-code")).to_have_text("BROKEN-1")
+    assert violations(page) == []
+    page.unroute("**/media/**")
+    page.get_by_test_id("try-again").click()
+    watch(page)
 
 
 def test_a_video_that_something_else_pauses_plays_on_with_the_other(

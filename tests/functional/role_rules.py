@@ -141,6 +141,7 @@ RULES: Mapping[str, Rule] = {
     "POST /s/{slug}/delete": ANYBODY,
     "GET /s/{slug}/deleted": ANYBODY,
     "GET /s/{slug}/privacy": ANYBODY,
+    "GET /s/{slug}/trouble/{what}": ANYBODY.with_(params={"what": "videos"}),
     # The same pages in a preview, and in a pilot, for whose first page one needs its link.
     **{
         f"{method} {prefix}/s/{{slug}}{page}": rule.with_(form=form)
@@ -162,6 +163,10 @@ RULES: Mapping[str, Rule] = {
             ("GET", "/privacy", {}),
         )
         if prefix == "/preview" or (method, page) not in _FIRST_PAGES
+    },
+    **{
+        f"GET {prefix}/s/{{slug}}/trouble/{{what}}": rule.with_(params={"what": "videos"})
+        for prefix, rule in (("/preview", PREVIEW), ("/pilot", PILOT))
     },
     **{
         f"{method} /pilot/s/{{slug}}{page}": NO_LINK.with_(form={"version": "x"})

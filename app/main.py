@@ -63,6 +63,7 @@ from app.web.http import (
     head_requests,
     health_routes,
     host_cookies,
+    older_browsers,
     problems,
     request_guard,
     request_log,
@@ -138,6 +139,7 @@ def create_app(
     fastapi_app.mount("/static", KeptStaticFiles(directory=STATIC), name="static")
     for module in (
         health_routes,
+        older_browsers,
         session_routes,
         export_routes,
         rollout_routes,

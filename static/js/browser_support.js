@@ -15,7 +15,7 @@
   function look() {
     var has = {
       scripts: document.documentElement.getAttribute("data-modules") === "ready",
-      layout: "CSSLayerBlockRule" in window,
+      layout: !!window.CSS && !!CSS.supports && CSS.supports("aspect-ratio", "16 / 9") && CSS.supports("inset", "0"),
       videos: playsVideos()
     };
     var notice = document.getElementById("browser-support");

@@ -18,7 +18,7 @@ from .test_faults import stored_responses
 
 Serve = Callable[[str], Server]
 
-#: Taken away one by one: what some browser since Safari 15.4, Firefox 97 and Chrome 99 lacked.
+#: Taken away one by one: what some browser since Safari 15.4, Firefox 91 and Chrome 92 lacked.
 FEATURES = (
     "AbortSignal.timeout",
     "AbortSignal.any",
@@ -190,6 +190,26 @@ def test_a_script_that_fails_while_a_pair_comes_brings_that_pair_as_a_new_page(
     assert stored_responses(server) == ["left"]
 
 
+def test_a_browser_without_cascade_layers_shows_a_pair_all_the_same(
+    page: Page, serve: Serve
+) -> None:
+    server = serve(SMALL_PLAN)
+    page.add_init_script("delete window.CSSLayerBlockRule")
+    # As such a browser reads it: it drops every layer.
+    page.route("**/app.css", lambda route: route.fulfill(content_type="text/css", body=""))
+    enter_small(page, f"{server.url}/s/small")
+    for width, height in ((1280, 800), (360, 740), (320, 640)):
+        page.set_viewport_size({"width": width, "height": height})
+        left, right = (page.get_by_test_id(f"video-{s}").bounding_box() for s in ("left", "right"))
+        assert left
+        assert right
+        assert left["width"] == right["width"]
+        assert (left["y"] == right["y"]) is (width > 1000)
+        assert page.evaluate("document.documentElement.scrollWidth") <= width
+    page.get_by_test_id("answer-left").click()
+    expect(page.get_by_text("Pair 2 of 4")).to_be_visible()
+
+
 def abort(route: Route) -> None:
     route.abort()
 
@@ -202,7 +222,7 @@ def test_the_first_page_says_what_a_browser_lacks(page: Page, serve: Serve, welc
     page.wait_for_function("() => document.documentElement.dataset.modules === 'ready'")
     expect(page.get_by_test_id("browser-support")).to_be_hidden()
 
-    page.add_init_script("delete window.CSSLayerBlockRule")
+    page.add_init_script("CSS.supports = (name) => name !== 'aspect-ratio'")
     page.goto(url)
     expect(page.get_by_test_id("browser-support")).to_contain_text("side by side")
     expect(page.get_by_test_id("browser-support").get_by_role("listitem")).to_have_count(1)

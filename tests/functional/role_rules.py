@@ -123,6 +123,7 @@ RULES: Mapping[str, Rule] = {
     "POST /api/v1/studies/{slug}/sessions": ANYBODY,
     "POST /api/v1/studies/{slug}/deletions": ANYBODY,
     "GET /media/{public_id}.mp4": ANYBODY,
+    "GET /styles/without-layers.css": ANYBODY,
     "GET /s/{slug}": ANYBODY,
     "GET /s/{slug}/consent": ANYBODY,
     "POST /s/{slug}/consent": ANYBODY,

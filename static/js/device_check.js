@@ -145,7 +145,6 @@ function advise(lacks) {
       line.className = "notice";
       line.textContent = words;
       advice.append(line);
-      announce(words);
     }
   }
 }

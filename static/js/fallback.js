@@ -91,7 +91,6 @@
       return;
     }
     byId("failure").hidden = false;
-    byId("announcer").textContent = byId("failure").textContent;
     var form = byId("pair");
     if (form) {
       byId("failure-answer").hidden = false;

@@ -12,7 +12,7 @@
  * }} PlayerListener
  */
 
-import { announce, within } from "./dom.js";
+import { within } from "./dom.js";
 import { gettext } from "./i18n.js";
 
 /** A video that takes longer than this to come is being made: the page says that it will come. */
@@ -216,9 +216,6 @@ export class Player {
     this.#enter("failed");
     this.listener.onEvent("error", this);
     this.listener.onFailed(this);
-    if (this.#attempt === 0) {
-      announce(SAID.failed);
-    }
     const wait = RETRY_S[Math.min(this.#attempt, RETRY_S.length - 1)];
     this.#attempt += 1;
     this.#timer = setTimeout(() => this.retry(), wait * 1000);

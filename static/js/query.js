@@ -479,11 +479,9 @@ async function look(mine) {
  */
 function warn(text, label, action) {
   const line = byId("notice-text");
-  const wasHidden = notice.hidden;
   notice.hidden = false;
-  if (line.textContent !== text || wasHidden) {
+  if (line.textContent !== text) {
     line.textContent = text;
-    announce(text);
   }
   noticeAction.hidden = !action;
   noticeAction.textContent = label ?? "";

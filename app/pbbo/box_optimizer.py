@@ -310,7 +310,8 @@ class BoxOptimizer:
             rng = generator(self._seed, Purpose.SURENESS, self.responses)
             average = belief.over(points)
             best = len(points) - 1
-            return points, Landscapes(average, len(points), best, rng, most=MOST_POINTS)
+            rows = np.setdiff1d(np.arange(best + 1), self._barred_rows(points))
+            return points, Landscapes(average, rows, best, rng, most=MOST_POINTS)
 
     @property
     def shown(self) -> FloatArray:

@@ -62,7 +62,7 @@ class ConstraintError(BoxError):
 
 
 class PointError(PbboError):
-    """A point does not lie in the box, or none would be left to propose."""
+    """A point or candidate is not in the space, or too few would be left to propose."""
 
 
 class ScoreError(PbboError):

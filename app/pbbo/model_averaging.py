@@ -81,18 +81,22 @@ def average_over(
     preferences: Sequence[Preference],
     skips: Sequence[Skip],
     settings: Settings,
+    excluded: Sequence[int] = (),
 ) -> Average:
-    """What the answers and skips say about the candidates and the threshold, or `FitError`."""
+    """What the answers and skips say about the candidates and the threshold, or `FitError`.
+
+    excluded: candidates that lie below the threshold for a reason of their own.
+    """
     n, dimensions = candidates.points.shape
     if n > LARGEST_KEPT:
-        parts = fitted_parts(candidates.points, preferences, skips, settings)
+        parts = fitted_parts(candidates.points, preferences, skips, settings, excluded)
         return predicted(candidates.points, parts, settings)
 
     def prior_at(length_scale: float) -> Prior:
         prior = prior_over(candidates, length_scale, settings.signal_variance)
         return prior_with_threshold(prior, settings.signal_variance)
 
-    comparisons = with_threshold(preferences, skips, n)
+    comparisons = with_threshold(preferences, skips, n, excluded)
     if not comparisons:
         return averaged(
             [unlearned(prior_at(scale)) for scale in length_scales(settings, dimensions)], n

@@ -13,12 +13,13 @@ import numpy as np
 from .acquisition import random_pair, thompson_pair
 from .box import Box
 from .box_optimizer import BoxOptimizer
-from .candidates import Candidates, FloatArray
+from .candidates import Candidates, FloatArray, IndexArray
 from .errors import (
     FitError,
     HistoryError,
     NoPosteriorError,
     PersonError,
+    PointError,
     QueryNotAskedError,
     SettingsError,
     SkipNotOfferedError,
@@ -99,6 +100,7 @@ class PreferenceOptimizer:
         self._learned = Learned(seed=self._seed, synthesise=self._method.synthesis)
         self._told = 0
         self._last: frozenset[int] = frozenset()
+        self._excluded: set[int] = set()
         self._pending: Query | None = None
         self._belief: Posterior | Average | FitError | None = None
         # Depends on the candidates and the settings alone: kept between fits, never learned.
@@ -117,6 +119,7 @@ class PreferenceOptimizer:
         seed: int = 0,
         settings: Settings | None = None,
         people: PeopleSettings | None = None,
+        excluded: Iterable[Any] = (),
         pending: Iterable[tuple[int, int]] = (),
         full_fits: FullFits | None = None,
     ) -> Self:
@@ -124,12 +127,13 @@ class PreferenceOptimizer:
 
         An entry may have the reason of a skip, or None, as a fourth part, and then the person who
         gave the response as a fifth. The queries are taken as stored, whether or not this version
-        would have asked them.  pending: pairs that other people are looking at.  full_fits:
-        remembers full fits of several people's answers to these candidates under these settings.
+        would have asked them.  excluded: candidates that were excluded meanwhile, in any order.
+        pending: pairs that other people are looking at.  full_fits: remembers full fits of several
+        people's answers to these candidates under these settings.
         """
-        optimizer: Self = cls(
-            candidates, method, seed, settings, people=people, full_fits=full_fits
-        )
+        # A box has no such fits to remember.
+        kept: dict[str, Any] = {} if full_fits is None else {"full_fits": full_fits}
+        optimizer: Self = cls(candidates, method, seed, settings, people=people, **kept)
         for place, entry in enumerate(history):
             left, right, response, reason = optimizer._checked_entry(place, entry)
             if len(entry) == 5:
@@ -140,13 +144,15 @@ class PreferenceOptimizer:
                 raise HistoryError(
                     f"history[{place}]: expected a person, since earlier entries name one"
                 )
+        for candidate in excluded:
+            optimizer.exclude(candidate)
         elsewhere = [frozenset(pair) for pair in pending]
         if elsewhere:
             optimizer._people_trial("replay").elsewhere.extend(elsewhere)
         return optimizer
 
     def ask(self, person: str | None = None, *, target: str = "population") -> Query:
-        """The query that waits for a response; the same one until `tell`.
+        """The query that waits for a response; the same one until `tell` or `exclude`.
 
         person: who will answer, where several people do; each has a query of their own, and no two
         open ones are the same pair while there are others.  target: whose best candidate the query
@@ -215,21 +221,47 @@ class PreferenceOptimizer:
         """Take back everything that this person answered, as if they had never taken part."""
         self._people_trial("forget").forget(checked_person(person))
 
+    def exclude(self, candidate: Any) -> None:
+        """Never propose this candidate again, nor name it as the best.
+
+        "pbpo-threshold" learns that it lies below what is acceptable; the other methods learn
+        nothing from it. A query that waits for a response is proposed anew if the candidate is in
+        it. `PointError` if there is no such candidate, or fewer than two would be left.
+        """
+        n = len(self._candidates)
+        whole = isinstance(candidate, (int, np.integer)) and not isinstance(candidate, bool)
+        if not whole or not 0 <= candidate < n:
+            raise PointError(f"exclude: expected a candidate from 0 to {n - 1}, got {candidate!r}")
+        excluded = self._excluded | {int(candidate)}
+        if n - len(excluded) < 2:
+            raise PointError(
+                "exclude: expected two candidates at least that may still be proposed, "
+                f"got {n - len(excluded)} of {n}"
+            )
+        self._excluded = excluded
+        self._belief = None
+        if self._pending is not None and candidate in (self._pending.left, self._pending.right):
+            self._pending = None
+        if self._people is not None:
+            self._people.reopen(lambda query: candidate in (query.left, query.right))
+
     def best(self, person: str | None = None) -> int:
         """The acquired candidate: the largest posterior mean, or knockout's last winner.
 
-        Where several people answer, the population's best; with `person`, that person's own. Of
-        equal means the first row. While nothing has been learned every candidate is as good as
-        any other, and one drawn from the seed is named. Where the model cannot be fitted, the
-        candidate that won most often, counted against its losses.
+        No excluded one. Where several people answer, the population's best; with `person`, that
+        person's own. Of equal means the first row. While nothing has been learned every candidate
+        is as good as any other, and one drawn from the seed is named. Where the model cannot be
+        fitted, the candidate that won most often, counted against its losses.
         """
         n = len(self._candidates)
         if person is not None or self._people is not None:
             return self._best_of_people(person)
         if not self._method.model:
-            winner = self._learned.last_choice
+            winner = self._champion()
             return self._uninformed() if winner is None else winner
-        if not self._learned.preferences and not (self._method.threshold and self._learned.skips):
+        if not self._learned.preferences and not (
+            self._method.threshold and (self._learned.skips or self._excluded)
+        ):
             return self._uninformed()
         try:
             mean, _ = self.posterior()
@@ -238,7 +270,7 @@ class PreferenceOptimizer:
             for preference in self._learned.preferences:
                 wins[preference.winner] += 1.0
                 wins[preference.loser] -= 1.0
-            return int(np.argmax(wins))
+            return self._argmax(wins)
         return self._largest(mean)
 
     def posterior(self, person: str | None = None) -> tuple[FloatArray, FloatArray]:
@@ -280,7 +312,7 @@ class PreferenceOptimizer:
         with one_thread():
             rng = generator(self._seed, Purpose.SURENESS, self.responses)
             belief = self._believe() if self._people is None else self._people_belief(None)
-            return Landscapes(belief, len(self._candidates), self.best(), rng)
+            return Landscapes(belief, self._allowed(), self.best(), rng)
 
     @property
     def preferences(self) -> tuple[Preference, ...]:
@@ -377,12 +409,14 @@ class PreferenceOptimizer:
         taken: Collection[frozenset[int]],
     ) -> tuple[TrialType, str, tuple[int, int]]:
         if not self._method.model:
-            winner = self._learned.last_choice
+            winner = self._champion()
             if winner is None:
                 return "random", "random", self._random_pair(index, last)
             rng = generator(self._seed, Purpose.KNOCKOUT, index)
-            opponent = challenger(rng, len(self._candidates), winner, last)
-            return "model", "knockout", (winner, opponent)
+            rows = self._allowed()
+            own = int(np.searchsorted(rows, winner))
+            opponent = challenger(rng, len(rows), own, self._places(rows, last))
+            return "model", "knockout", (winner, int(rows[opponent]))
         if self._method.threshold and self._settings.threshold_covering:
             covering_pair = self._covering_pair(index)
             if covering_pair is not None:
@@ -413,10 +447,17 @@ class PreferenceOptimizer:
             boldness = self._settings.threshold_boldness[
                 index % len(self._settings.threshold_boldness)
             ]
-            return "best-option", eubo_pair(belief, boldness, last, pending=taken)
+            barred = np.array(sorted(self._excluded), dtype=np.intp)
+            return "best-option", eubo_pair(belief, boldness, last, barred=barred, pending=taken)
         rng = generator(self._seed, Purpose.THOMPSON, index)
-        pair = thompson_pair(rng, belief.draw, len(self._candidates), last)
-        return self._settings.acquisition, pair
+        rows = self._allowed()
+        left, right = thompson_pair(
+            rng,
+            lambda rng, count: belief.draw(rng, count)[rows],
+            len(rows),
+            self._places(rows, last),
+        )
+        return self._settings.acquisition, (int(rows[left]), int(rows[right]))
 
     def _covering_pair(self, index: int) -> tuple[int, int] | None:
         """The pair of the first, covering phase at this index, or None after it."""
@@ -425,14 +466,37 @@ class PreferenceOptimizer:
         rng = generator(self._seed, Purpose.COVERING, 0)
         sobol = self._settings.threshold_design == "sobol"
         cover = quasi_random_candidates if sobol else farthest_points
-        rows = cover(rng, self._candidates.points, 2 * self._settings.threshold_covering)
+        allowed = self._allowed()
+        points = self._candidates.points[allowed]
+        rows = allowed[cover(rng, points, 2 * self._settings.threshold_covering)]
         # Few candidates are covered before the phase is over.
         pair = rows[2 * index : 2 * index + 2]
         return (int(pair[0]), int(pair[1])) if len(pair) == 2 else None
 
     def _random_pair(self, index: int, last: frozenset[int]) -> tuple[int, int]:
         rng = generator(self._seed, Purpose.RANDOM_PAIR, index)
-        return random_pair(rng, len(self._candidates), last)
+        rows = self._allowed()
+        left, right = random_pair(rng, len(rows), self._places(rows, last))
+        return int(rows[left]), int(rows[right])
+
+    def _allowed(self) -> IndexArray:
+        """The candidates that may be proposed, ascending."""
+        return np.setdiff1d(np.arange(len(self._candidates)), list(self._excluded))
+
+    def _places(self, rows: IndexArray, candidates: Collection[int]) -> frozenset[int]:
+        """Where these candidates stand in `rows`; -1 for one that does not."""
+        place_of = {int(row): place for place, row in enumerate(rows)}
+        return frozenset(place_of.get(candidate, -1) for candidate in candidates)
+
+    def _champion(self) -> int | None:
+        """The winner of the last choice, if it may still be proposed."""
+        winner = self._learned.last_choice
+        return None if winner in self._excluded else winner
+
+    def _argmax(self, values: FloatArray) -> int:
+        """The first of the allowed candidates with the largest value."""
+        rows = self._allowed()
+        return int(rows[np.argmax(values[rows])])
 
     @property
     def _answers(self) -> int:
@@ -444,11 +508,13 @@ class PreferenceOptimizer:
     def _largest(self, mean: FloatArray) -> int:
         """The first row whose mean is the largest to within rounding."""
         margin = TIE * float(np.sqrt(self._settings.signal_variance))
-        return int(np.argmax(mean >= mean.max() - margin))
+        rows = self._allowed()
+        return int(rows[np.argmax(mean[rows] >= mean[rows].max() - margin)])
 
     def _uninformed(self) -> int:
         rng = generator(self._seed, Purpose.UNINFORMED, 0)
-        return int(rng.integers(len(self._candidates)))
+        rows = self._allowed()
+        return int(rows[rng.integers(len(rows))])
 
     def _believe(self) -> "Posterior | Average":
         """The posterior given everything learned so far, fitted when first needed."""
@@ -462,7 +528,11 @@ class PreferenceOptimizer:
             try:
                 if self._method.threshold:
                     self._belief = average_over(
-                        self._candidates, learned.preferences, learned.skips, self._settings
+                        self._candidates,
+                        learned.preferences,
+                        learned.skips,
+                        self._settings,
+                        sorted(self._excluded),
                     )
                 else:
                     self._belief = belief_over(
@@ -514,7 +584,7 @@ class PreferenceOptimizer:
                     better = answer.left if answer.response == "left" else answer.right
                     wins[[answer.left, answer.right]] -= 1.0
                     wins[better] += 2.0
-            return int(np.argmax(wins))
+            return self._argmax(wins)
 
     def people_model(self) -> "PeopleModel":
         """What the answers say of the people: noises, the share of taste that is their own.
@@ -528,7 +598,7 @@ class PreferenceOptimizer:
             raise PersonError("people_model: expected one response at least, got none")
         fitter = fitter_over(self._candidates, self._settings, self._people_settings)
         with one_thread():
-            return trial.model(fitter)
+            return trial.model(fitter, sorted(self._excluded))
 
     def _people_belief(self, person: str | None) -> "Average":
         """The belief about the population, or about one person."""

@@ -179,7 +179,9 @@ def _summary(
         for number, mean in _without_each(model, kept):
             without[number] += weight * (reach @ mean[FIRST_POINT:])
 
-    landscapes = Landscapes(belief, n, best, generator(0, Purpose.SURENESS, len(history)))
+    landscapes = Landscapes(
+        belief, np.arange(n), best, generator(0, Purpose.SURENESS, len(history))
+    )
     inside = free[landscapes.rows]
     values = np.where(inside[:, None], landscapes.values, -np.inf)
     winners = landscapes.rows[np.argmax(values, axis=0)]

@@ -28,23 +28,25 @@ UPPER: Final = 3.0
 class Landscapes:
     """Functions drawn at the candidates that may matter.
 
-    rows: (k,), candidates.  values: (k, draws).
+    Drawn at most at `most` of the candidates `rows`, `best` among them.
+
+    rows: (k,), those drawn at.  values: (k, draws).
     """
 
     def __init__(
         self,
         belief: Posterior | Average,
-        n: int,
+        rows: IndexArray,
         best: int,
         rng: np.random.Generator,
         most: int = MOST_ROWS,
     ) -> None:
-        rows = np.arange(n)
-        if n > most:
-            bound = belief.mean[:n] + UPPER * belief.std[:n]
-            rows = np.argsort(-bound, kind="stable")[: most - 2]
+        if len(rows) > most:
+            bound = belief.mean[rows] + UPPER * belief.std[rows]
+            lowest = rows[np.argmin(belief.mean[rows])]
+            rows = rows[np.argsort(-bound, kind="stable")[: most - 2]]
             # The range of a function needs its lowest candidate too.
-            rows = np.unique(np.append(rows, [best, int(np.argmin(belief.mean[:n]))]))
+            rows = np.unique(np.append(rows, [best, lowest]))
         self.rows: IndexArray = rows
         self.values: FloatArray = joint_draws(belief, rng, DRAWS, rows)
 

@@ -16,6 +16,7 @@ from app.services.context import AppContext
 from app.services.maintenance import periodic_tasks
 from app.services.rollouts import crane_machine
 from app.services.runtime.settings import Settings
+from app.services.sessions import box_queries
 from app.web.api import (
     export_routes,
     machine_calls,
@@ -102,6 +103,7 @@ def create_app(
     async def lifespan(_app: FastAPI) -> AsyncIterator[None]:
         # With workers apart, theirs is one sweep for all servers; each has a memory of its own.
         apart = opened.settings.workers_apart
+        box_queries.load_if_used(opened)
         with ExitStack() as running:
             running.enter_context(periodic_tasks.running(opened, of_the_studio=not apart))
             if not apart:

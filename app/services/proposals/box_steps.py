@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import cache, lru_cache
 from typing import Any
 
 import numpy as np
@@ -95,6 +95,16 @@ def compute_box_step(request: BoxRequest) -> BoxStep:
         if request.acquires and request.history
         else None,
     )
+
+
+@cache
+def load() -> None:
+    """Load what a first proposal needs, by making one: a second or more, the first time.
+
+    Called outside transactions: a first proposal is computed within one, and all who write would
+    wait for it.
+    """
+    BoxOptimizer(Box([0, 0], [1, 1], constraints=["x0 >= x1"])).ask()
 
 
 def optimizer_of(request: BoxRequest) -> BoxOptimizer:

@@ -9,6 +9,7 @@ from __future__ import annotations
 from sqlalchemy import delete
 
 from app.services.context import AppContext
+from app.services.proposals import box_steps
 from app.services.runtime.ids import (
     form_token,
     is_secret,
@@ -49,6 +50,9 @@ def consent(app: AppContext, token: str, version: str, *, successor: str | None 
     successor: the token, with its own receipt code, that replaces this one at the first consent.
     Before the consent, an attacker may have planted a token that they know in the browser.
     """
+    with app.database.read() as db:
+        if repository.stored_plan(lookup.find(app, db, token).plan).has_ranges:
+            box_steps.load()
     with app.database.write() as db:
         session = lookup.find(app, db, token, to_write=True)
         changed = consents.due(db, session)

@@ -11,6 +11,7 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from app.services.context import AppContext
+from app.services.proposals import box_steps
 from app.services.proposals.box_steps import Point
 from app.services.proposals.proposer import TrialSpec
 from app.services.proposals.trial_schedule import (
@@ -37,6 +38,17 @@ def read_following(
     barred = box_trials.read_barred(db, trial, trial_id)
     points = box_trials.read_points(db, trial, box_trials.candidates_of(record, barred))
     return box_next.after(trial, record, barred, points)
+
+
+def load_if_used(app: AppContext) -> None:
+    """At the start of a process: load what proposals need, if a study over ranges is under way.
+
+    In the background: the process serves meanwhile.
+    """
+    with app.database.read() as db:
+        is_used = db.scalar(select(Candidate.id).where(Candidate.point_key.is_not(None)).limit(1))
+    if is_used is not None:
+        app.background.in_thread("load", box_steps.load)
 
 
 def open_first(app: AppContext, db: Session, trial: BoxTrial, trial_id: int) -> QueryRow:

@@ -13,7 +13,7 @@ NODE_TEST := node --experimental-default-type=module --test-force-exit --test
 # As many processes as processors; one that has nothing left to do takes tests from another.
 PYTEST := $(BIN)/python -m pytest --numprocesses logical --dist worksteal
 
-.PHONY: demo test test-postgresql lint messages screenshots no-wait watching load chaos calibration bench fuzz clean
+.PHONY: demo test test-postgresql lint messages screenshots no-wait watching load chaos regret calibration bench fuzz clean
 .DEFAULT_GOAL := demo
 
 $(VENV)/.made:
@@ -92,10 +92,14 @@ load: $(VENV)/.dev
 	@$(BIN)/python -m tests.load.measure --evaluators 10 50 100 200
 	@$(BIN)/python -m tests.load.measure --evaluators 100 --postgresql --workers 2
 
-# The server killed, its database stopped, its disk full, and more, under a crowd: about 15 minutes.
+# The server and machines killed, its database stopped, its disk full, and more, under a crowd: about 15 minutes.
 chaos: $(VENV)/.dev
 	@$(BIN)/python -m tests.load.chaos --times 20
 	@$(BIN)/python -m tests.load.chaos --times 20 --workers 2 --only killed ended
+
+# The regret of simulated evaluators over ranges, and over a list of candidates: about five minutes.
+regret: $(VENV)/.dev
+	@$(BIN)/python -m tests.load.machine_regret
 
 calibration: $(VENV)/.app
 	@$(BIN)/python -m app.crane.calibration

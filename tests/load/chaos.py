@@ -1,9 +1,10 @@
 """What evaluators live through when things break: `make chaos`.
 
 A crowd that presses quickly works on `pbpo serve`, and something is broken under it, again and
-again. Whatever was acknowledged has to be stored, once; each session goes on at its own query; and
-every query has to be the one that its history says. The crowd sends again what got no answer, or
-503, as the pages do; any other fault of the server's, also one that only its log tells, is one.
+again; in one scene machines record what it chooses among, and are killed as well. Whatever was
+acknowledged has to be stored, once; each session goes on at its own query; and every query has to
+be the one that its history says. The crowd sends again what got no answer, or 503, as the pages do;
+any other fault of the server's, also one that only its log tells, is one.
 """
 
 from __future__ import annotations
@@ -14,21 +15,20 @@ import sqlite3
 import sys
 import tempfile
 from collections.abc import Awaitable, Callable, Mapping
-from contextlib import closing, suppress
-from dataclasses import dataclass
+from contextlib import closing
 from pathlib import Path
 
 import httpx
 import numpy as np
-import psutil
 
 from app.services.runtime.settings import Settings
 from tests.browser.server import Server
-from tests.databases import PostgresServer
 
-from . import stored
+from . import fleet, stored
 from .crowd import Habits, Log, crowd
+from .fleet import Fleet, open_machine_study
 from .measure import database
+from .scene import QuickServer, Scene, started
 from .study import STUDY, make_videos, open_shipped
 
 #: Evaluators in the crowd, and the mean time that they look at a pair, in seconds.
@@ -37,53 +37,10 @@ CROWD, THINK_S = 12, 0.4
 #: How the shipped study is changed: people soon come to a break, which is over soon.
 STUDY_SO = {"queries_per_trial": 10, "break_s": 3}
 
-#: How long a killed server's workers may take to end by themselves, in seconds.
-END_S = 30
-
-
-@dataclass(frozen=True)
-class Scene:
-    """What there is to break."""
-
-    server: Server
-    settings: Settings
-    postgres: PostgresServer | None
-    rng: np.random.Generator
-    log: Log
-    times: int
-
-    async def answers(self, number: int = 5) -> None:
-        """Wait until the crowd got so many more answers: the studio works."""
-        wanted = self.answered + number
-        while self.answered < wanted:
-            await asyncio.sleep(0.02)
-
-    async def somebody_rests(self) -> None:
-        """Wait until somebody is in a break."""
-        while not self.log.resting:
-            await asyncio.sleep(0.02)
-
-    @property
-    def answered(self) -> int:
-        return sum(map(len, self.log.acknowledged.values()))
-
-    def kill(self, *, everybody: bool) -> None:
-        """Kill the server; of several processes the one that began the others, or all at once."""
-        workers: list[psutil.Process] = []
-        if self.server.more and self.server.process is not None:
-            children = psutil.Process(self.server.process.pid).children()
-            workers = [one for one in children if "spawn_main" in " ".join(one.cmdline())]
-        self.server.kill()
-        for worker in workers if everybody else ():
-            with suppress(psutil.NoSuchProcess):
-                worker.kill()
-        # Those that go on would keep the server's port.
-        _, left = psutil.wait_procs(workers, timeout=END_S)
-        for worker in left:
-            worker.kill()
-        if left:
-            self.log.fault(f"{len(left)} workers outlived their server by {END_S} s")
-
+#: In the scene with machines: evaluators, machines, seconds that a run takes, and how rollouts are
+#: asked for. A machine that dies is missed soon, and no rollout runs out of attempts.
+FEW, MACHINES, RUN_S = 8, 4, 0.5
+ROLLOUTS = "{timeout_s: 15, attempts: 20}"
 
 Break = Callable[[Scene], Awaitable[None]]
 
@@ -94,7 +51,7 @@ async def killed(scene: Scene) -> None:
         await scene.answers()
         await asyncio.sleep(scene.rng.uniform(0, 0.5))
         await asyncio.to_thread(scene.kill, everybody=time % 2 == 1)
-        await _started(scene.server)
+        await started(scene.server)
 
 
 async def ended(scene: Scene) -> None:
@@ -103,7 +60,7 @@ async def ended(scene: Scene) -> None:
         await scene.answers()
         await asyncio.sleep(scene.rng.uniform(0, 0.5))
         await asyncio.to_thread(scene.server.stop)
-        await _started(scene.server)
+        await started(scene.server)
 
 
 async def database_stopped(scene: Scene) -> None:
@@ -180,12 +137,32 @@ async def clock_back(scene: Scene) -> None:
         await scene.somebody_rests()
         await asyncio.to_thread(scene.server.stop)
         scene.server.clock_ahead_h = hours
-        await _started(scene.server)
+        await started(scene.server)
         await scene.answers(3 * CROWD)
 
 
-SQLITE: tuple[Break, ...] = (killed, ended, disk_full, locked, videos_gone, clock_back)
-POSTGRESQL: tuple[Break, ...] = (killed, ended, database_stopped, database_silent)
+async def machines_killed(scene: Scene) -> None:
+    """SIGKILL of a machine, and of the server every third time; uploads are cut in two."""
+    machines = scene.machines
+    assert machines is not None
+    with fleet.working(machines):
+        for time in range(scene.times):
+            await scene.answers(2)
+            await asyncio.sleep(scene.rng.uniform(0, 0.5))
+            if time % 3 == 2:
+                await asyncio.to_thread(scene.kill, everybody=True)
+                await started(scene.server)
+            else:
+                victim = int(scene.rng.integers(MACHINES))
+                await asyncio.to_thread(machines.kill, victim)
+                machines.begin(victim)
+        await scene.answers()
+
+
+SQLITE: tuple[Break, ...] = (
+    *(killed, ended, disk_full, locked, videos_gone, clock_back, machines_killed),
+)
+POSTGRESQL: tuple[Break, ...] = (killed, ended, database_stopped, database_silent, machines_killed)
 NAMES = [breaking.__name__ for breaking in {*SQLITE, *POSTGRESQL}]
 
 #: Errors that the log is to tell of, by what was broken: how their messages begin.
@@ -198,10 +175,6 @@ EXPLAINED: Mapping[Break, tuple[str, ...]] = {
     database_stopped: (*_NO_DATABASE, *_LEFT),
     database_silent: (*_NO_DATABASE, *_LEFT),
 }
-
-
-async def _started(server: Server) -> None:
-    await asyncio.to_thread(server.start)
 
 
 def main() -> None:
@@ -230,7 +203,8 @@ def main() -> None:
 
 def _play(breaking: Break, options: argparse.Namespace, *, postgresql: bool) -> bool:
     source = options.media_dir.resolve()
-    make_videos(source)
+    if breaking is not machines_killed:
+        make_videos(source)
     with (
         tempfile.TemporaryDirectory(prefix="pbpo-chaos-") as name,
         database(Path(name), postgresql=postgresql) as (url, postgres),
@@ -241,20 +215,32 @@ def _play(breaking: Break, options: argparse.Namespace, *, postgresql: bool) -> 
         for video in source.glob("*.mp4"):
             (media / video.name).symlink_to(video)
         settings = Settings(data_dir=folder / "data", media_dir=media, database_url=url)
-        open_shipped(settings, folder, **STUDY_SO)
+        tokens: list[str] = []
+        has_machines = breaking is machines_killed
+        if has_machines:
+            tokens = open_machine_study(settings, folder, MACHINES, rollout=ROLLOUTS)
+        else:
+            open_shipped(settings, folder, **STUDY_SO)
         more = ("--workers", str(options.workers)) if options.workers > 1 else ()
         said = folder / "server.log"
         with said.open("wb") as output:
-            server = Server(settings.data_dir, media, more, url, output)
+            # Where machines are killed the server soon has to be there again: it is forked.
+            kind = QuickServer if has_machines else Server
+            server = kind(settings.data_dir, media, more, url, output)
             server.start()
             rng = np.random.default_rng(options.seed)
-            scene = Scene(server, settings, postgres, rng, Log(), options.times)
+            machines = Fleet(server.url, tokens, folder, RUN_S) if has_machines else None
+            scene = Scene(server, settings, postgres, rng, Log(), options.times, machines)
             try:
                 asyncio.run(_break(scene, breaking))
             finally:
                 scene.kill(everybody=True)
+        if isinstance(server, QuickServer):
+            said = server.log
         errors = stored.errors_in(said, EXPLAINED.get(breaking, ()))
-        lost = stored.faults(settings, STUDY, scene.log, scene.log.in_hand)
+        slug = fleet.STUDY if has_machines else STUDY
+        notes = machines.notes() if machines is not None else []
+        lost = stored.faults(settings, slug, scene.log, scene.log.in_hand, notes)
     log = scene.log
     again = log.statuses.get(0, 0)
     refused = {status: count for status, count in sorted(log.statuses.items()) if status >= 400}
@@ -276,8 +262,9 @@ def _play(breaking: Break, options: argparse.Namespace, *, postgresql: bool) -> 
 async def _break(scene: Scene, breaking: Break) -> None:
     habits = Habits(think_s=THINK_S, patient=True)
     seed = int(scene.rng.integers(2**31))
-    async with crowd(scene.server.url, STUDY, CROWD, habits, scene.log, seed, arrive_s=1):
-        async with asyncio.timeout(60 + 30 * scene.times):
+    slug, number = (STUDY, CROWD) if scene.machines is None else (fleet.STUDY, FEW)
+    async with crowd(scene.server.url, slug, number, habits, scene.log, seed, arrive_s=1):
+        async with asyncio.timeout(120 + 60 * scene.times):
             await breaking(scene)
 
 

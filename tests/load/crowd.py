@@ -26,6 +26,8 @@ ASK_AHEAD_S = (1.0, 2.0, 4.0, 8.0)
 KEPT_VIDEOS, FETCHED_AT_ONCE = 14, 2
 #: A pause before a request is sent again, in seconds; it grows to the second number.
 AGAIN_S = (0.2, 2.0)
+#: Seconds between two looks at a pair that a machine has to record (static/js/waiting_times.js).
+LOOK_EVERY_S = 1.0
 #: What people press, of twenty.
 RESPONSES = ("left",) * 9 + ("right",) * 9 + ("skip",) * 2
 #: How much the time that people take for a pair varies: the deviation of its logarithm.
@@ -40,6 +42,9 @@ class Log:
     answer_s: list[float] = field(default_factory=list)
     #: The start of a video: one of its parts.
     video_s: list[float] = field(default_factory=list)
+    #: From the moment at which somebody is ready for a pair until its videos are recorded; 0 where
+    #: they are by then.
+    wait_s: list[float] = field(default_factory=list)
     #: How often a request was answered by this status; 0: not at all.
     statuses: dict[int, int] = field(default_factory=dict)
     #: Any answer other than what was asked for, shortened.
@@ -56,7 +61,7 @@ class Log:
 
     def begin(self) -> None:
         """Measure from now on."""
-        for times in (self.answer_s, self.video_s):
+        for times in (self.answer_s, self.video_s, self.wait_s):
             times.clear()
         self.videos = self.video_bytes = 0
 
@@ -73,6 +78,7 @@ class Habits:
     videos: bool = True
     #: Whether a server that does not answer, or says 503, is waited for, or is a fault.
     patient: bool = False
+    look_every_s: float = LOOK_EVERY_S
 
 
 class Evaluator:
@@ -107,7 +113,9 @@ class Evaluator:
         while state["stage"] not in ("completed", "withdrawn", "declined"):
             match state["stage"]:
                 case "query":
-                    state = await self._query(state["query"])
+                    state = await self._recorded(state)
+                    if state["stage"] == "query":
+                        state = await self._query(state["query"])
                 case "consent":
                     agreed = {"version": state["consent"]["version"]}
                     state = await self._api("POST", "/api/v1/session/consent", agreed)
@@ -118,6 +126,17 @@ class Evaluator:
                     await asyncio.sleep(self._rng.uniform(1, 3))
                     state = await self._api("POST", "/api/v1/session/continue", None)
         self._log.completed += 1
+
+    async def _recorded(self, state: State) -> State:
+        """The state with a pair, once machines have recorded it."""
+        began = time.monotonic()
+        waited = 0.0
+        while state["stage"] == "query" and state["query"] is None:
+            await asyncio.sleep(self._habits.look_every_s)
+            state = await self._api("GET", "/api/v1/session", None)
+            waited = time.monotonic() - began
+        self._log.wait_s.append(waited)
+        return state
 
     async def _rest(self, seconds: float) -> None:
         self._log.resting += 1
@@ -164,7 +183,8 @@ class Evaluator:
             await asyncio.sleep(seconds)
             with suppress(RefusedError):
                 now = await self._api("GET", "/api/v1/session", None)
-                if now["stage"] != "query" or now["query"]["id"] != query["id"]:
+                pair = now.get("query")
+                if now["stage"] != "query" or pair is None or pair["id"] != query["id"]:
                     return
                 coming = now["query"]["prefetch"]
                 await self._fetch(coming)

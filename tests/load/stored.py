@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import json
 from collections import defaultdict
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from pathlib import Path
+from typing import Any
 
 from sqlalchemy import func, select
 
@@ -17,17 +18,30 @@ from app.services.sessions import replay
 from app.storage.models.studies import QueryRow, Response, SessionRow, Trial
 from tests.conftest import Idle
 
+from . import fleet
 from .crowd import Log
 
 #: A response on its way when its evaluator left may be there or not.
 InHand = Collection[tuple[str, str, str]]
 
 
-def faults(settings: Settings, slug: str, log: Log, in_hand: InHand) -> list[str]:
-    """A sentence for each promise that was not kept; none, if all were."""
+def faults(
+    settings: Settings,
+    slug: str,
+    log: Log,
+    in_hand: InHand,
+    notes: Sequence[dict[str, Any]] = (),
+) -> list[str]:
+    """A sentence for each promise that was not kept; none, if all were.
+
+    notes: what machines wrote down.
+    """
     app = open_app(settings, background=Idle(1))
     try:
-        return faults_in(app, slug, log, in_hand)
+        return [
+            *faults_in(app, slug, log, in_hand),
+            *(fleet.faults_in(app, notes) if notes else ()),
+        ]
     finally:
         app.close()
 

@@ -42,7 +42,7 @@ def intervals(
         ends = (
             list(domain) if domain is not None else [0.0, max(row["high"] for row in rows) or 1.0]
         )
-        scale = alt.Scale(domain=ends, type="log") if log else alt.Scale(domain=ends)
+        scale = alt.Scale(domain=ends, type="log", nice=False) if log else alt.Scale(domain=ends)
         x = alt.X("value:Q", title=x_title, scale=scale)
         bar = base.mark_rule(
             color=COLOURS["pbpo"], strokeWidth=2 if named else 1, opacity=0.6, aria=False

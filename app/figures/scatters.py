@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 import altair as alt
 
 from .tables import Table, inline, require
@@ -10,6 +12,8 @@ from .theme import COLOURS, INK, QUIET, panel_of, stacked
 #: Dots of a few people, and of so many that they would cover each other.
 DOT_SIZE, SMALL_DOT_SIZE = 90, 36
 MOST_LARGE_DOTS = 40
+#: Room beside the outermost dots, as a share of the axis.
+MARGIN: Final = 0.05
 #: The colour of dots that are marked.
 MARKED = COLOURS["pbpo-no-skip"]
 
@@ -39,8 +43,12 @@ def scatters(
         for row in table
     ]
     kinds = [other_title, marked_title]
-    x = alt.X("x:Q", title=x_title, scale=alt.Scale(zero=True, nice=True))
-    y = alt.Y("y:Q", title=y_title, scale=alt.Scale(type="log", nice=True))
+    # Dots at an end are drawn whole.
+    rightmost = max([row["x"] for row in rows] + [x_reference or 0.0]) or 1.0
+    across = alt.Scale(domain=[-MARGIN * rightmost, (1.0 + MARGIN) * rightmost], nice=False)
+    heights = [row["y"] for row in rows] + [y_reference or rows[0]["y"]]
+    up = alt.Scale(type="log", domain=[min(heights) / 1.3, max(heights) * 1.3], nice=False)
+    x, y = alt.X("x:Q", title=x_title, scale=across), alt.Y("y:Q", title=y_title, scale=up)
     layers: list[alt.Chart] = []
     if x_reference is not None:
         layers.append(

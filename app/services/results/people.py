@@ -151,7 +151,7 @@ def noise(found: PooledPeople, _summary: PeopleSummary, _plan: Plan) -> Result:
         for person in ordered
     ]
     first, last = rows[0]["noise"], rows[-1]["noise"]
-    return Result(rows, f"Noise runs from {first:.1f} to {last:.1f} times the average.")
+    return Result(rows, f"Noise runs from {first:.1f} to {last:.1f} times the usual.")
 
 
 def influence(found: PooledPeople, summary: PeopleSummary, plan: Plan) -> Result:
@@ -187,12 +187,12 @@ PEOPLE_FINDINGS: Final[Mapping[str, PeopleFinding]] = MappingProxyType(
         "taste-and-reliability": PeopleFinding(
             "Taste and reliability",
             "To the right are people who like something else, above those whose answers follow"
-            f" nothing. From {DIFFERS:.0%} on a person differs; 1 is the average noise.",
+            f" nothing. From {DIFFERS:.0%} on a person differs; a noise of 1 is usual.",
             taste_and_reliability,
         ),
         "noise": PeopleFinding(
             "Noise",
-            "Each person's noise, as a multiple of the average, with its 90 % interval.",
+            "Each person's noise, as a multiple of the usual, with its 90 % interval.",
             noise,
         ),
         "influence": PeopleFinding(

@@ -96,7 +96,7 @@ def _taste_and_reliability(found: Result, _study: StudyInfo) -> Chart:
             for row in found.rows
         ],
         x_title="costs of the population's best, as a share of the own range",
-        y_title="noise (1 is the average)",
+        y_title="noise (1 is usual)",
         marked_title="flagged",
         other_title="not flagged",
         x_reference=DIFFERS,
@@ -117,7 +117,7 @@ def _noise(found: Result, _study: StudyInfo) -> Chart:
             }
             for row in found.rows
         ],
-        x_title="noise (1 is the average)",
+        x_title="noise (1 is usual)",
         y_title="person",
         reference=1.0,
         domain=(0.5, 12.0),

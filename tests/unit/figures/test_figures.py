@@ -24,6 +24,7 @@ from app.figures import (
     mean_curves,
     paths,
     save,
+    scatters,
     side,
     slices,
     strips,
@@ -236,3 +237,21 @@ def test_methods_keep_their_colours_and_a_new_one_gets_another() -> None:
 def test_a_table_that_cannot_be_shown_is_named(draw: Callable[[], Any], message: str) -> None:
     with pytest.raises(FigureDataError, match=message):
         draw()
+
+
+def test_people_on_two_axes_are_drawn_whole_and_marked_ones_apart() -> None:
+    rows = [{"name": f"p{k}", "x": 0.0, "y": 1.0 + k, "marked": k == 2} for k in range(3)]
+    chart = scatters(
+        rows,
+        x_title="costs",
+        y_title="noise",
+        marked_title="flagged",
+        other_title="not",
+        x_reference=0.25,
+    )
+    [panel] = chart.to_dict()["vconcat"]
+    dots = panel["layer"][-1]
+    low, high = dots["encoding"]["x"]["scale"]["domain"]
+    assert low < 0.0
+    assert high > 0.25
+    assert [row["kind"] for row in values(chart) if "kind" in row] == ["not", "not", "flagged"]

@@ -14,8 +14,8 @@ from .result import Result, Row
 from .trial_posterior import percent
 
 _SAID_BY_MODELS: Final = (
-    "It is what the models say of themselves. Measured on simulated evaluators, it is right within"
-    " the errors of measurement, and a little too high from 70 % on (docs/optimiser.md)."
+    "It is what the models say of themselves. On simulated evaluators it was about right where the"
+    " best candidates are hard to find, and too low elsewhere (docs/optimiser.md)."
 )
 
 

@@ -180,12 +180,13 @@ def _words_remarks(
 
 
 def unused_files(folder: Path, used: set[str]) -> tuple[str, ...]:
-    """The files in the folder, without hidden ones, that are not among those used."""
+    """The files in the folder that are not among those used, without hidden ones and a README."""
     found = []
     for path in sorted(folder.rglob("*"))[:MOST_FILES]:
         place = path.relative_to(folder)
         hidden = any(part.startswith(".") for part in place.parts)
-        if not hidden and place.as_posix() not in used and is_file(path):
+        is_readme = len(place.parts) == 1 and path.stem.lower() == "readme"
+        if not hidden and not is_readme and place.as_posix() not in used and is_file(path):
             found.append(place.as_posix())
     return tuple(found)
 

@@ -189,6 +189,10 @@ def _what_needs_a_list(plan: Mapping[str, object]) -> Iterator[Inconsistency]:
         number = as_mapping(plan.get(section)).get(key)
         if number:
             yield Inconsistency((section, key), f"expected 0, {_NO_VIDEOS}, got {number}")
+    if plan.get("device_check") is not None:
+        # It plays one of the study's videos, to see whether the device can.
+        message = f"expected no device check, {_NO_VIDEOS}, got one"
+        yield Inconsistency(("device_check",), message)
     checks = as_mapping(plan.get("checks"))
     if checks.get("attention"):
         message = f"expected 0, {_NO_VIDEOS}, got {checks['attention']}"

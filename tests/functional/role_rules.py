@@ -278,6 +278,7 @@ RULES: Mapping[str, Rule] = {
     "POST /studies/{slug}/machines/revoke": CHANGE_FORM.with_(form={"name": "arm"}),
     "POST /studies/{slug}/machines/stop": CHANGE_FORM,
     "POST /studies/{slug}/machines/release": CHANGE_FORM,
+    "POST /studies/{slug}/machines/results": CHANGE_FORM,
     "POST /studies/{slug}/machines/withdraw": CHANGE_FORM.with_(
         form={"name": "arm", "since": "2026-01-01T00:00", "reason": "wrong"}
     ),

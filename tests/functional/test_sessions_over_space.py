@@ -12,6 +12,7 @@ from sqlalchemy import select
 
 from app.figures import svg
 from app.pbbo import Box
+from app.services.accounts import accounts
 from app.services.background.interface import Background
 from app.services.context import AppContext
 from app.services.maintenance import retention
@@ -35,6 +36,7 @@ from app.storage.models.studies import (
 from tests.conftest import Clock, Idle
 
 from .client import Api, Session
+from .desk import Desk
 from .over_space import ScriptedMachine, open_live_study, to_first_pair, wait_for_pair
 
 T = TypeVar("T")
@@ -430,3 +432,40 @@ def test_without_reuse_every_pair_is_run_anew(
         rows = db.scalars(select(QueryRow)).all()
         shown = [one for row in rows for one in (row.left_rollout_id, row.right_rollout_id)]
     assert len(set(shown)) == len(shown) == 12
+
+
+def test_what_a_trial_acquired_is_recorded_by_one_press_and_shown_beside_its_first_pair(
+    client: Api, app: AppContext, machine: ScriptedMachine, tmp_path: Path
+) -> None:
+    study = open_live_study(app, tmp_path / "study", rollout="{ahead: 0}", queries=2)
+    person = to_first_pair(client, machine)
+    answer(app, person, machine, 2)
+    with app.database.write() as db:
+        # Whatever the model says: a candidate that was in no pair.
+        last = db.scalars(select(Acquired).order_by(Acquired.query_index.desc())).first()
+        assert last is not None
+        following = 1 + max(db.scalars(select(Candidate.candidate_index)))
+        last.candidate = following
+        db.add(
+            Candidate(
+                study_id=study.id,
+                environment=study.plan.used_environments[0],
+                candidate_index=following,
+                parameters={"w0": 0.875, "w1": 0.125},
+                point_key="0.875,0.125",
+            )
+        )
+        public_id = db.scalars(select(SessionRow.public_id)).one()
+    lab = Desk(client, app, "lab@example.org", accounts.Role.ADMIN)
+    assert "It has no video yet" in lab.get(f"/studies/live/sessions/{public_id}").text
+    assert "1 candidate that a trial has acquired" in lab.get("/studies/live/machines").text
+
+    assert lab.post("/studies/live/machines/results").status_code == 303
+    assert [one.reason for one in machine.asked()] == ["acquired"]
+    assert "Results without a video" not in lab.get("/studies/live/machines").text
+    machine.run()
+    assert machine.seen[-1] == {"w0": 0.875, "w1": 0.125}
+    page = lab.get(f"/studies/live/sessions/{public_id}").text
+    assert f"recording 1 of the acquired candidate, candidate {following}" in page
+    lab.post("/studies/live/machines/results")
+    assert machine.asked() == []

@@ -54,7 +54,11 @@ class Asked:
 
 @dataclass(frozen=True)
 class TrialDetail:
-    """One trial; index -1 is the practice. best: recordings of the present acquired candidate."""
+    """One trial; index -1 is the practice.
+
+    acquired: the present acquired candidate, if any. best: its recordings: none where machines
+    record, until it is asked for.
+    """
 
     index: int
     condition: str
@@ -63,6 +67,7 @@ class TrialDetail:
     started_at: datetime
     ended_at: datetime | None
     asked: tuple[Asked, ...]
+    acquired: int | None
     best: tuple[Video, ...]
 
 
@@ -198,6 +203,7 @@ def _trial(
         started_at=trial.started_at,
         ended_at=trial.ended_at,
         asked=asked,
+        acquired=best,
         best=tuple(video(there, space, best, clip) for clip in clips if best is not None),
     )
 

@@ -25,10 +25,9 @@ from app.storage.models.studies import Candidate, QueryRow
 from .box_trials import BoxTrial, Sources
 
 #: Priorities of rollouts, the smallest first: what a query waits for, what may come next (plus its
-#: rank among the possible pairs), and what shows an acquired candidate.
+#: rank among the possible pairs). What shows an acquired candidate comes between them.
 QUERY_PRIORITY: Final = 0
 AHEAD_PRIORITY: Final = 10
-ACQUIRED_PRIORITY: Final = 5
 
 #: Separates the seeds of runs from the other uses of a trial's seed.
 _RUN_DRAW: Final = 109

@@ -11,7 +11,7 @@ from fastapi.responses import RedirectResponse, Response
 
 from app.services.accounts.accounts import Principal
 from app.services.context import AppContext
-from app.services.rollouts import desk, durations, interventions, machines, queue, states
+from app.services.rollouts import acquired, desk, durations, interventions, machines, queue, states
 from app.services.rollouts.reports import LONGEST_REASON
 from app.services.runtime.errors import ServiceError
 from app.services.sessions import box_withdrawal
@@ -147,6 +147,13 @@ def withdraw(
     return _back(study)
 
 
+@router.post("/studies/{slug}/machines/results", dependencies=[OwnForm])
+def record_results(study: ChangeOf, app: AppDep, caller: SignedIn) -> Response:
+    """Ask for recordings of the acquired candidates that have none."""
+    acquired.ask(app, study.slug, caller.email)
+    return _back(study)
+
+
 @router.get("/studies/{slug}/desk")
 def desk_page(study: ChangeOf, request: Request, app: AppDep, caller: SignedIn) -> Response:
     """The operator's desk: the rollout that is being recorded by hand."""
@@ -222,6 +229,7 @@ def _page(
             for name, environment in study.plan.environments.items()
             if environment.is_machine
         }
+        unrecorded = len(acquired.unrecorded(db, study.id))
     listed = [one for one in machines.list_machines(app, study.id) if one.name != machines.DESK]
     waiting = queue.rollouts(app, study.id, statuses=(states.ASKED, states.CLAIMED), limit=200)
     over = (states.RECORDED, states.FAILED, states.UNSAFE, states.CANCELLED, states.WITHDRAWN)
@@ -246,6 +254,7 @@ def _page(
             one.is_machine and not one.is_crane_machine for one in study.plan.environments.values()
         ),
         usually=usually,
+        unrecorded=unrecorded,
         counts=queue.counts(app, study.id),
         # The first to be claimed stands first.
         waiting=sorted(

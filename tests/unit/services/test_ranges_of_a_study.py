@@ -205,6 +205,11 @@ def test_the_plan_and_the_optimiser_agree_on_the_number_of_parameters() -> None:
             "study.yaml:19: checks.attention: expected 0, a study over ranges has no videos",
         ),
         (
+            "queries_per_trial: 4",
+            "queries_per_trial: 4\ndevice_check: {min_width_px: 320}",
+            "study.yaml:19: device_check: expected no device check, a study over ranges has no",
+        ),
+        (
             "conditions:",
             "  hall: {source: machine}\nconditions:",
             "study.yaml:13: environments.hall.source: expected a condition in environment hall",

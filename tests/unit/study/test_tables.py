@@ -227,6 +227,7 @@ def test_a_number_with_a_comma_in_a_table_of_commas_is_said_to_need_quotes(
 def test_files_that_nothing_names_are_named(folder: Path) -> None:
     (folder / "videos" / "more.mp4").write_bytes(b"")
     (folder / "Consent.docx").write_bytes(b"")
+    (folder / "README.md").write_text("What this folder is.")
     assert examine(folder).unused == ("Consent.docx", "videos/more.mp4")
 
 

@@ -82,7 +82,7 @@ def _found(
         return [Person(*row) for row in db.execute(statement)]
 
 
-def _persons(study_id: int) -> Select[tuple[str, int, str, datetime]]:
+def _persons(study_id: int) -> Select[str, int, str, datetime]:
     """The participants of a study as rows of `Person`, the newest first."""
     return (
         select(

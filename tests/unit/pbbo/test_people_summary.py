@@ -34,7 +34,9 @@ def answers(people: dict[str, FloatArray | None], each: int) -> list[PersonAnswe
                 continue
             better = 0.0 if f is None else float(f[left] - f[right])
             is_left = better + 0.4 * rng.standard_normal() > 0.0
-            history.append(PersonAnswer(name, left, right, "left" if is_left else "right", None))
+            history.append(
+                PersonAnswer(name, left, right, "left" if is_left else "right", "both_bad")
+            )
     return history
 
 
@@ -91,8 +93,9 @@ def test_two_kinds_of_taste_are_told_apart_and_one_that_varies_is_not() -> None:
     assert found.people[0].nearest == 1
     drift = np.array([[1.0, 0.8, 0.6], [0.8, 1.0, 0.8], [0.6, 0.8, 1.0]])
     assert kinds_of(np.kron(drift, np.ones((2, 2))), own=1.0).number == 1
-    assert kinds_of(np.kron(np.eye(2), np.ones((2, 2))), own=0.5).number == 1
-    assert kinds_of(np.kron(np.eye(2), np.ones((2, 2))), own=1.0).of == (0, 0, 1, 1)
+    apart = np.kron(np.eye(2), np.ones((2, 2))).astype(np.float64)
+    assert kinds_of(apart, own=0.5).number == 1
+    assert kinds_of(apart, own=1.0).of == (0, 0, 1, 1)
 
 
 def test_in_a_box_the_summary_is_about_the_points_shown_and_the_whole_box() -> None:

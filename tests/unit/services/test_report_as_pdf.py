@@ -24,7 +24,7 @@ def test_another_fault_of_the_pdf_is_an_error_that_names_the_html(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     def refuse(_report: Report) -> bytes:
-        raise typst.TypstError("no space left", "")
+        raise typst.TypstError("no space left")  # type: ignore[call-arg]
 
     monkeypatch.setattr(as_pdf, "_compiled", refuse)
     with pytest.raises(PdfError, match=r"no space left; its HTML can be had"):

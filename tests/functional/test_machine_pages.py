@@ -14,7 +14,7 @@ from app.services.studies import repository
 from app.services.studies.repository import StudyInfo
 from app.storage.models.records import AuditEvent
 from app.storage.models.rollouts import Rollout
-from tests.conftest import SHORT_PLAN, StudyShelf
+from tests.conftest import SHORT_PLAN, Clock, StudyShelf
 
 from .client import Api
 from .desk import Desk
@@ -96,6 +96,19 @@ def test_the_emergency_stop_holds_until_it_is_released_and_says_who_pressed_it(
             if event.action.startswith("machines ")
         }
     assert trail == {"machines stopped": "lab@example.org", "machines released": "lab@example.org"}
+
+
+def test_machines_that_take_longer_than_a_viewing_are_named_with_a_remedy(
+    admin: Desk, client: Api, app: AppContext, candidates: list[int], clock: Clock
+) -> None:
+    robot = Robot(client, machines.add(app, "robot", "arm"))
+    asked = ask(app, candidates[0])
+    robot.claimed()
+    assert 'data-testid="slow"' not in admin.get(f"{URL}/machines").text
+    clock.forward(50)
+    assert robot.put(asked, video_bytes(), attempt=1).status_code == 201
+    said = "the last rollouts took 50 s each: people wait for every pair; set lag"
+    assert said in admin.get(f"{URL}/machines").text
 
 
 def test_a_rollout_is_cancelled_asked_again_and_withdrawn_by_buttons(

@@ -11,7 +11,16 @@ from fastapi.responses import RedirectResponse, Response
 
 from app.services.accounts.accounts import Principal
 from app.services.context import AppContext
-from app.services.rollouts import acquired, desk, durations, interventions, machines, queue, states
+from app.services.rollouts import (
+    acquired,
+    desk,
+    durations,
+    interventions,
+    machines,
+    pace,
+    queue,
+    states,
+)
 from app.services.rollouts.reports import LONGEST_REASON
 from app.services.runtime.errors import ServiceError
 from app.services.sessions import box_withdrawal
@@ -230,6 +239,8 @@ def _page(
             if environment.is_machine
         }
         unrecorded = len(acquired.unrecorded(db, study.id))
+        at_once = durations.connected(db, study.id, app.now())
+        slow = pace.slower_than_viewing(db, study.id, study.plan, at_once)
     listed = [one for one in machines.list_machines(app, study.id) if one.name != machines.DESK]
     waiting = queue.rollouts(app, study.id, statuses=(states.ASKED, states.CLAIMED), limit=200)
     over = (states.RECORDED, states.FAILED, states.UNSAFE, states.CANCELLED, states.WITHDRAWN)
@@ -254,6 +265,7 @@ def _page(
             one.is_machine and not one.is_crane_machine for one in study.plan.environments.values()
         ),
         usually=usually,
+        slow=slow,
         unrecorded=unrecorded,
         counts=queue.counts(app, study.id),
         # The first to be claimed stands first.

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import io
 import signal
 import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
 
+import pandas as pd
 import pytest
 from playwright.sync_api import Browser, Page, expect
 
@@ -109,6 +111,13 @@ def sign_in(page: Page, lab: Lab) -> None:
     page.wait_for_url("**/studies")
 
 
+def table(page: Page, lab: Lab, name: str) -> pd.DataFrame:
+    """A table of the study's export, as the page's link gives it."""
+    got = page.request.get(f"{lab.url}/api/v1/studies/live/export/{name}.csv")
+    assert got.ok, got.text()
+    return pd.read_csv(io.StringIO(got.text()))
+
+
 @pytest.mark.long
 def test_ten_pairs_of_videos_that_did_not_exist_by_a_machine_that_dies(
     page: Page, browser: Browser, lab: Lab
@@ -134,6 +143,16 @@ def test_ten_pairs_of_videos_that_did_not_exist_by_a_machine_that_dies(
     expect(past).to_contain_text("Failed: motor 3 is cold")
     expect(desk.get_by_test_id("machines")).to_contain_text("Connected")
     assert violations(desk) == []
+
+    rollouts, queries = table(desk, lab, "rollouts"), table(desk, lab, "queries")
+    outcomes = rollouts["outcome"].value_counts()
+    assert (outcomes["unsafe"], outcomes["failed"] >= 1) == (1, True)
+    assert outcomes["recorded"] >= PAIRS / 2
+    assert (rollouts["w0"] >= rollouts["w1"]).all()
+    answered = queries[queries["response"].notna()]
+    assert list(answered["query_index"]) == list(range(PAIRS))
+    shown = pd.concat([answered["left_recording"], answered["right_recording"]])
+    assert set(shown) <= set(rollouts["recording"].dropna())
     desk.context.close()
 
 

@@ -88,7 +88,7 @@ def test_a_session_in_japanese_by_the_keyboard(phone: Page, serve: Callable[[str
 
     watch(phone)
     expect(phone.get_by_test_id("progress")).to_have_text("練習 · ペア 1 / 1")
-    look(phone, "どちらが良いですか")
+    look(phone, "どちらの動画が良いですか")
     answer(phone, "left", by="key")
     watch(phone)
     expect(phone.get_by_test_id("progress")).to_have_text("パート 1 / 2 · ペア 1 / 1")

@@ -59,7 +59,8 @@ def english_in(page: httpx.Response) -> list[str]:
         texts = [text for message in read_po(file) for text in _forms(message.id)]
     places = re.compile(r"<.*?>|%\(\w+\)s")
     pieces = {piece.strip() for text in texts for piece in places.split(text)}
-    shown = unescape(re.sub(r"<script.*?</script>", "", page.text, flags=re.DOTALL))
+    silent = r'<script.*?</script>|autocapitalize="\w+"'
+    shown = unescape(re.sub(silent, "", page.text, flags=re.DOTALL))
     return sorted(piece for piece in pieces if len(piece) > 5 and piece in shown)
 
 
@@ -73,8 +74,8 @@ HEADINGS = {
     "device_check": "お使いの機器を確認します",
     "instructions": "行っていただくこと",
     "familiarisation": "動画に慣れましょう",
-    "practice": "どちらが良いですか",
-    "query": "どちらが良いですか",
+    "practice": "どちらの動画が良いですか",
+    "query": "どちらの動画が良いですか",
     "break": "休憩してください",
     "questionnaire": "最後にいくつかお尋ねします",
     "debrief": "比較はすべて終わりました",

@@ -158,8 +158,9 @@ class PeopleSummaries:
                 del self._outcomes[key]
 
     def close(self) -> None:
-        """Terminate the child process, if there is one."""
+        """Drop all summaries, and terminate the child process, if there is one."""
         with self._lock:
+            self._outcomes.clear()
             if self._process is not None:
                 self._process.terminate()
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Hashable
 from concurrent.futures import Future, ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -272,6 +273,28 @@ def test_machines_are_asked_ahead_and_taken_back_from(
         assert person.state["query"] is not None, "the pair was recorded while the last one played"
     assert differences(app) == []
     person.call("withdraw")
+    assert machine.asked() == []
+
+
+def test_work_that_begins_after_a_withdrawal_asks_machines_for_nothing(
+    client: Api,
+    app: AppContext,
+    machine: ScriptedMachine,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    open_live_study(app, tmp_path / "study", rollout="{ahead: 3}")
+    person = to_first_pair(client, machine)
+    put_off: list[Callable[[], None]] = []
+    monkeypatch.setattr(
+        app.background, "in_thread", lambda key, work, *args: put_off.append(partial(work, *args))
+    )
+    assert person.respond(likes(person, app)).status_code == 200
+    wait_for_pair(person, machine)
+    person.call("withdraw")
+    assert put_off
+    for work in put_off:
+        work()
     assert machine.asked() == []
 
 

@@ -19,7 +19,7 @@ from app.services.proposals.box_steps import Point
 from app.services.proposals.proposer import RecordingRef
 from app.services.rollouts import requests, states
 from app.storage.models.rollouts import Rollout
-from app.storage.models.studies import QueryRow, Recording, Response, Trial
+from app.storage.models.studies import QueryRow, Recording, Response, SessionRow, Trial
 
 from . import box_next, box_pairs, box_trials, candidate_rows
 from .box_next import Computed, Following
@@ -158,13 +158,16 @@ def _ask(
 
 
 def is_open(db: Session, public_id: str) -> bool:
-    """Whether the query exists, is not set aside, and has no response."""
+    """Whether a session that goes on has this query, neither set aside nor responded to."""
     found = db.scalar(
         select(QueryRow.id)
+        .join(Trial, QueryRow.trial_id == Trial.id)
+        .join(SessionRow, Trial.session_id == SessionRow.id)
         .outerjoin(Response, Response.query_id == QueryRow.id)
         .where(
             QueryRow.public_id == public_id,
             QueryRow.set_aside_at.is_(None),
+            SessionRow.ended_at.is_(None),
             Response.id.is_(None),
         )
     )

@@ -41,11 +41,10 @@ demo: $(VENV)/.app
 # What PostgreSQL may do otherwise than SQLite is tested on both: constraints, locks, order of rows,
 # transactions, migrations, workers. The other files are about pages, files and settings, and are the
 # same on both; `make test-postgresql` runs them all.
-DIFFERENT := answered_meanwhile any_order at_once backup changed_meanwhile checks crane_machine deleted_studies \
-	determinism entry_links exports flow_of_participants forgetting jobs killed leaving lifecycle many_events \
-	older_databases places privacy reading restores_that_fail retention rollout_requests rollout_supervision \
-	rows_in_any_order same_moment sent_twice serving session sessions_over_space several_machines \
-	store_and_workers task_queue trials_table undo waiting_writers work_polling workers working_ahead
+DIFFERENT := answered_meanwhile any_order at_once backup changed_meanwhile deleted_studies entry_links forgetting jobs \
+	killed leaving many_events older_databases places privacy restores_that_fail retention rollout_requests \
+	rollout_supervision rows_in_any_order same_moment sent_twice serving session several_machines shared_models \
+	store_and_workers task_queue trials_table undo waiting_writers work_polling workers
 ON_POSTGRESQL := tests/unit/storage $(DIFFERENT:%=tests/functional/test_%.py)
 
 # Videos that were rendered for one test serve all others: they are named by their content.

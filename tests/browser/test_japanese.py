@@ -111,7 +111,7 @@ def test_a_session_in_japanese_by_the_keyboard(phone: Page, serve: Callable[[str
     )
     look(phone, "最後にいくつかお尋ねします")
     phone.get_by_label("年齢").fill("30")
-    phone.get_by_role("radio", name="1 (易しかった)").press("Space")
+    phone.get_by_role("radio", name="1 易しかった").press("Space")
     press(phone, "continue")
     look(phone, "比較はすべて終わりました")
     press(phone, "continue")

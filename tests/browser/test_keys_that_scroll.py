@@ -11,7 +11,7 @@ from .evaluator import answer, enter_small, query_on_screen, watch
 from .server import Server
 from .small_study import BILINGUAL_PLAN, SMALL_PLAN
 from .test_faults import stored_responses
-from .test_odd_browsers import BREAK_PLAN
+from .test_odd_browsers import BREAK_PLAN, BREAK_S
 
 Serve = Callable[[str], Server]
 
@@ -106,7 +106,7 @@ def test_the_arrows_work_after_a_button_was_used_by_keyboard(page: Page, serve: 
 
 
 def test_a_break_that_ends_is_not_left_by_the_key_that_scrolls(page: Page, serve: Serve) -> None:
-    server = serve(BREAK_PLAN)
+    server = serve(BREAK_PLAN.replace(f"break_s: {BREAK_S}", "break_s: 1"))
     enter_small(page, f"{server.url}/s/small")
     page.keyboard.press("ArrowLeft")
     expect(page.get_by_test_id("continue")).to_be_enabled()

@@ -64,7 +64,7 @@ def test_a_session_goes_through_every_stage_there_is(
     expect_heading(page, "About the part you have just finished")
     page.get_by_test_id("continue").click()
     expect(page.get_by_role("alert")).to_be_visible()
-    page.get_by_role("radio", name="1 (Easy)").check()
+    page.get_by_role("radio", name="1 Easy").check()
     page.get_by_test_id("continue").click()
     expect_heading(page, "A few last questions")
     page.get_by_label("How old are you?").fill("30")

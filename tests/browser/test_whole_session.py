@@ -67,4 +67,5 @@ def download(context: BrowserContext, server: Server) -> dict[str, pd.DataFrame]
         return {
             name.removesuffix(".csv"): pd.read_csv(io.BytesIO(archive.read(name)))
             for name in archive.namelist()
+            if name.endswith(".csv")
         }

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from playwright.sync_api import BrowserContext, Page, Route, expect
+from playwright.sync_api import BrowserContext, Page, Request, Route, expect
 
 from app.services.bootstrap import open_app
 from app.services.runtime.settings import Settings
@@ -97,6 +97,20 @@ def test_a_stale_answer_of_a_second_tab_is_said_to_be_too_late(
     expect(page.get_by_text("This pair was already answered in another tab.")).to_be_visible()
     expect(page.get_by_test_id("progress")).to_have_text("Part 1 of 3 · Pair 2 of 2")
     assert stored_responses(server) == ["left"]
+    # Beyond the last pair of a part the page says so before it goes. It is loaded anew: a page
+    # that takes itself for hidden does not play on; only its own answer tells it of the other's.
+    watch(second)
+    page.reload()
+    watch(page)
+    sent: list[Request] = []
+    page.on("request", lambda request: sent.append(request) if request.method == "POST" else None)
+    page.route("**/api/v1/session", lambda route: route.continue_() if sent else route.abort())
+    second.keyboard.press("ArrowLeft")
+    expect(second.get_by_role("heading", level=1)).to_have_text("Take a break")
+    page.keyboard.press("ArrowRight")
+    expect(page.get_by_text("This pair was already answered in another tab.")).to_be_visible()
+    expect(page.get_by_role("heading", level=1)).to_have_text("Take a break")
+    assert stored_responses(server) == ["left", "left"]
 
 
 def test_a_video_that_fails_to_load_says_so_and_recovers(page: Page, server: Server) -> None:

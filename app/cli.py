@@ -35,7 +35,7 @@ from app.commands.options import (
     say_links,
     settings_of,
 )
-from app.services.rollouts import durations, pace
+from app.services.rollouts import pace
 from app.services.runtime.errors import ConflictError, ServiceError, SlugTakenError
 from app.services.runtime.settings import DATABASE_FILE
 from app.services.studies import opening, repository, revision, slugs
@@ -315,11 +315,8 @@ def study_open(
     """Let participants in, after naming what is doubtful. The plan is final from then on."""
     app = app_context_of(data_dir)
     study = repository.find(app, slug)
-    with app.database.read() as db:
-        slow = pace.slower_than_viewing(
-            db, study.id, study.plan, durations.connected(db, study.id, app.now())
-        )
-    for line in [*in_lines(opening.doubts_before_opening(app, study)), *slow]:
+    doubts = in_lines(opening.doubts_before_opening(app, study))
+    for line in [*doubts, *pace.slower_than_viewing(app, study)]:
         out.print(f"doubt: {line}")
     if study.status == repository.DRAFT and not yes and sys.stdin.isatty():
         typer.confirm(f"Open {slug}? Its plan is final from then on.", abort=True)

@@ -2,43 +2,50 @@
 
 from __future__ import annotations
 
+from math import ceil
 from statistics import median
 
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
+from app.services.context import AppContext
+from app.services.studies.repository import StudyInfo
 from app.storage.models.rollouts import Rollout
 from app.storage.models.studies import Recording
-from app.study.plan import Plan
 
 from . import durations, states
 
 
-def slower_than_viewing(db: Session, study_id: int, plan: Plan, machines: int) -> list[str]:
+def slower_than_viewing(app: AppContext, study: StudyInfo) -> list[str]:
     """A sentence for each environment whose next pair takes longer to record than one to watch.
 
-    Compares medians of the last rollouts. machines: how many are connected; they share the rollouts
-    of a pair. Empty before the first recording.
+    Compares medians of the last rollouts. Connected machines share the rollouts of a pair. Empty
+    before the first recording.
     """
-    found = []
-    for name, environment in plan.environments.items():
-        taken = durations.usually_s(db, study_id, name) if environment.is_machine else None
-        watched = _viewing_s(db, study_id, name)
-        if taken is None or watched is None:
-            continue
-        rollout = environment.rollout
-        at_once = 1 if environment.is_crane_machine else max(machines, 1)
-        needed = taken * -(-rollout.new_per_query // at_once)
-        if needed <= watched * (1 + rollout.lag):
-            continue
-        settings = [word for word in ("lag", "ahead") if getattr(rollout, word) == 0]
-        remedy = f"set {' or '.join(settings)}" if settings else "shorten the runs, or add machines"
-        each = "" if len(plan.environments) == 1 else f"{name}: "
-        found.append(
-            f"{each}a pair takes {watched:.0f} s to watch, and the last rollouts took {taken:.0f} s"
-            f" each: people wait for every pair; {remedy}"
-        )
-    return found
+    with app.database.read() as db:
+        machines = max(durations.connected(db, study.id, app.now()), 1)
+        found = [
+            _sentence(db, study, name, 1 if environment.is_crane_machine else machines)
+            for name, environment in study.plan.environments.items()
+            if environment.is_machine
+        ]
+    return [sentence for sentence in found if sentence is not None]
+
+
+def _sentence(db: Session, study: StudyInfo, name: str, machines: int) -> str | None:
+    taken, watched = durations.usually_s(db, study.id, name), _viewing_s(db, study.id, name)
+    if taken is None or watched is None:
+        return None
+    rollout = study.plan.environments[name].rollout
+    if taken * ceil(rollout.new_per_query / machines) <= watched * (1 + rollout.lag):
+        return None
+    settings = [word for word in ("lag", "ahead") if getattr(rollout, word) == 0]
+    remedy = f"set {' or '.join(settings)}" if settings else "shorten the runs, or add machines"
+    place = "" if len(study.plan.environments) == 1 else f"{name}: "
+    return (
+        f"{place}a pair takes {watched:.0f} s to watch, and the last rollouts took {taken:.0f} s"
+        f" each: people wait for every pair; {remedy}"
+    )
 
 
 def _viewing_s(db: Session, study_id: int, environment: str) -> float | None:

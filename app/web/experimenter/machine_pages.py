@@ -239,8 +239,6 @@ def _page(
             if environment.is_machine
         }
         unrecorded = len(acquired.unrecorded(db, study.id))
-        at_once = durations.connected(db, study.id, app.now())
-        slow = pace.slower_than_viewing(db, study.id, study.plan, at_once)
     listed = [one for one in machines.list_machines(app, study.id) if one.name != machines.DESK]
     waiting = queue.rollouts(app, study.id, statuses=(states.ASKED, states.CLAIMED), limit=200)
     over = (states.RECORDED, states.FAILED, states.UNSAFE, states.CANCELLED, states.WITHDRAWN)
@@ -265,7 +263,7 @@ def _page(
             one.is_machine and not one.is_crane_machine for one in study.plan.environments.values()
         ),
         usually=usually,
-        slow=slow,
+        slow=pace.slower_than_viewing(app, study),
         unrecorded=unrecorded,
         counts=queue.counts(app, study.id),
         # The first to be claimed stands first.

@@ -12,7 +12,7 @@ from app.services import jobs
 from app.services.accounts.accounts import Principal
 from app.services.context import AppContext
 from app.services.drafts import drafts
-from app.services.rollouts import durations, pace
+from app.services.rollouts import pace
 from app.services.runtime.errors import ChangedMeanwhileError, ConflictError
 from app.services.studies import (
     lifecycle,
@@ -60,9 +60,7 @@ def ask_to_open(study: ChangeOf, request: Request, app: AppDep, caller: SignedIn
     if study.status != repository.DRAFT:
         return _to(study, "/manage")
     asked = in_lines(opening.doubts_before_opening(app, study))
-    with app.database.read() as db:
-        connected = durations.connected(db, study.id, app.now())
-        asked += pace.slower_than_viewing(db, study.id, study.plan, connected)
+    asked += pace.slower_than_viewing(app, study)
     return study_page(request, app, caller, study, "open", doubts=asked)
 
 

@@ -1,7 +1,7 @@
 """What each method makes of the answers of a set of people.
 
 shared: the model of several people.  pooled: one person's model, given everybody's answers.  own:
-a model each.  one person: the same model, and somebody who gives all answers alone.  without: the
+a model each.  one person: the same model of one person who gives all answers.  without: the
 model of several people, given honest people's answers alone.  random effects, noisy BT: Bradley-
 Terry models, which know no skips and no parameters.
 """
@@ -82,7 +82,7 @@ def without_unreliable(name: str, seed: int, drawn: PeopleSet) -> list[Row]:
     case = CASES[name]
     if not case.unreliable:
         return []
-    # Honest people say the same whoever sits beside them.
+    # The answers of honest people do not depend on who the others are.
     best = best_of_honest(case.own_share, case.each, case.octaves, len(drawn.honest), seed)
     return [Row(name, seed, "without", *consensus(drawn, best))]
 
@@ -114,7 +114,7 @@ def own_models(name: str, seed: int, drawn: PeopleSet) -> list[Row]:
 
 
 def one_persons_model(name: str, seed: int, drawn: PeopleSet) -> list[Row]:
-    """Somebody of the usual noise who gives all answers; where noises and tastes are equal."""
+    """One person of the usual noise who gives all answers; where noises and tastes are equal."""
     case = CASES[name]
     if case.octaves or case.own_share or case.unreliable:
         return []

@@ -178,7 +178,8 @@ class PreferenceOptimizer:
         self, person: str, count: int, *, target: str = "population"
     ) -> tuple[Query, ...]:
         """The query that `ask` would give, and then each that it would give if those before it were
-        looked at by somebody else. Nothing is asked by this."""
+        being judged by another person. The state does not change.
+        """
         name, whose = checked_person(person), checked_target(target)
         trial = self._people_trial("alternatives")
         waiting = [frozenset((query.left, query.right)) for query in trial.open_queries]

@@ -37,7 +37,7 @@ class Kinds:
 def likeness_of(values: FloatArray) -> FloatArray:
     """The correlation of every two people's values (people, n); (people, people).
 
-    A person whose values are all the same is like nobody: 0.
+    A person whose values are all the same has correlation 0 with everyone.
     """
     centred = values - values.mean(axis=1, keepdims=True)
     length = np.sqrt((centred**2).sum(axis=1, keepdims=True))

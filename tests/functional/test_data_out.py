@@ -457,7 +457,7 @@ def test_a_report_on_nobody_says_so(data: Data, app: AppContext) -> None:
     request = export.resolve_flags(app, Request(data.study, since=date(2030, 1, 1)))
     report = reporting.describe(app, request)
     assert not [block for block in report.blocks if isinstance(block, Figure)]
-    assert b"nobody came yet" in reporting.html(report)
+    assert b"no session yet" in reporting.html(report)
     assert reporting.pdf(report).startswith(b"%PDF-")
 
 

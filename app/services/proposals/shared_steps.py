@@ -42,7 +42,8 @@ class SharedRequest:
     candidates: (n, d). history: everybody's answers, oldest first; people are named by any text.
     person: who will answer. avoided: pairs that others are looking at. target: whose best candidate
     is looked for and acquired. choices: how many pairs are proposed, each for the case that those
-    before it are looked at by somebody else. acquires: whether the acquired candidate is computed.
+    before it are being judged by another person. acquires: whether the acquired candidate is
+    computed.
     """
 
     candidates: NDArray[np.float64] = field(repr=False)

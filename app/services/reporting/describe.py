@@ -49,10 +49,10 @@ def describe(app: AppContext, request: Request) -> Report:
             ("Status", study.status),
             ("Opened", f"{study.opened_at:%Y-%m-%d %H:%M} UTC" if study.opened_at else "never"),
             ("Sessions", in_words(request)),
-            ("First session", f"{first:%Y-%m-%d} UTC" if first else "nobody came yet"),
+            ("First session", f"{first:%Y-%m-%d} UTC" if first else "no session yet"),
             ("Languages", _counted(db, request, SessionRow.language)),
             ("Recruited by", _counted(db, request, SessionRow.platform)),
-            ("Data until", f"{last:%Y-%m-%d %H:%M} UTC" if last else "nobody came yet"),
+            ("Data until", f"{last:%Y-%m-%d %H:%M} UTC" if last else "no session yet"),
         ]
         blocks: list[Block] = [
             Heading("Summary"),

@@ -105,7 +105,7 @@ def influence(found: PooledPeople) -> str:
         if person.summary.best_without != (found.summary.best if found.summary else -1)
     ]
     if not moved:
-        return "The population's best stays the same whoever is left out."
+        return "The population's best stays the same if any one person is left out."
     return (
         f"Without one person the population's best is another candidate for {len(moved)} of"
         f" {len(found.people)} people; it lies at most {max(one.moves for one in moved):.0%} of"

@@ -56,7 +56,7 @@ class SharedTrial:
 
 
 class SharedAnswer(NamedTuple):
-    """One answer of somebody. id: its response's primary key. seed: its trial's."""
+    """One person's answer. id: its response's primary key. seed: its trial's."""
 
     id: int
     person: int

@@ -27,7 +27,7 @@ router = APIRouter(prefix="/s/{slug}", include_in_schema=False, route_class=Eval
 
 
 class Trouble(StrEnum):
-    """What keeps somebody from taking part."""
+    """A reason why a person cannot take part."""
 
     VIDEOS = "videos"
     BROWSER = "browser"

@@ -13,6 +13,9 @@ NODE_TEST := node --experimental-default-type=module --test-force-exit --test
 # As many processes as processors; one that has nothing left to do takes tests from another.
 PYTEST := $(BIN)/python -m pytest --numprocesses logical --dist worksteal
 
+# Otherwise every process would compile all its modules anew: twice the CPU time of an import.
+unexport PYTHONDONTWRITEBYTECODE
+
 .PHONY: demo test test-postgresql lint messages screenshots no-wait watching load chaos regret calibration bench fuzz clean
 .DEFAULT_GOAL := demo
 

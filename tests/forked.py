@@ -6,15 +6,19 @@ are forked, each one of its own, from one that has loaded all that and has done 
 
 from __future__ import annotations
 
-import multiprocessing
 import os
+import socket
 import sys
 from collections.abc import Mapping, Sequence
 from importlib import import_module
-from multiprocessing.context import ForkServerProcess
+from multiprocessing import forkserver, resource_tracker
+from multiprocessing.connection import arbitrary_address  # type: ignore[attr-defined]
+from multiprocessing.context import ForkServerContext
 from pathlib import Path
 from subprocess import TimeoutExpired
-from typing import Protocol
+from typing import Any, Protocol
+
+from app.services.runtime.child_process import child_context
 
 ROOT = Path(__file__).parents[1]
 
@@ -22,7 +26,8 @@ ROOT = Path(__file__).parents[1]
 LOADED = ["app.cli", "app.server", "uvicorn.lifespan.on", "uvicorn.protocols.http.httptools_impl"]
 
 #: For processes that are forked from the one that has loaded all that.
-CONTEXT = multiprocessing.get_context("forkserver")
+CONTEXT = child_context()
+assert isinstance(CONTEXT, ForkServerContext)
 CONTEXT.set_forkserver_preload(LOADED)
 
 
@@ -46,7 +51,7 @@ class Forked:
     """
 
     def __init__(self, words: Sequence[str], environment: Mapping[str, str], log: Path) -> None:
-        self._process: ForkServerProcess = CONTEXT.Process(
+        self._process = CONTEXT.Process(
             target=_run, args=(list(words), dict(environment), log)
         )
         self._process.start()
@@ -78,5 +83,33 @@ def _run(words: list[str], environment: dict[str, str], log: Path) -> None:
     for stream in (1, 2):
         os.dup2(written, stream)
     os.close(written)
+    _fork_a_fork_server()
     sys.argv = words
     import_module(words[0]).main()
+
+
+def _fork_a_fork_server() -> None:
+    """Give this process a fork server of its own, which has loaded all that this one has.
+
+    What `ForkServer.ensure_running` does, without starting another interpreter: its children find
+    this process's environment and log.
+    """
+    server: Any = forkserver._forkserver
+    address = arbitrary_address("AF_UNIX")
+    listener = socket.socket(socket.AF_UNIX)
+    listener.bind(address)
+    listener.listen()
+    alive_here, alive_there = os.pipe()
+    resource_tracker.ensure_running()
+    pid = os.fork()
+    if pid == 0:
+        try:
+            os.close(alive_there)
+            forkserver.main(listener.fileno(), alive_here, [])
+        finally:
+            os._exit(0)
+    os.close(alive_here)
+    listener.close()
+    server._forkserver_address = address
+    server._forkserver_alive_fd = alive_there
+    server._forkserver_pid = pid

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import multiprocessing
 import threading
 from collections.abc import Callable, Hashable
 from concurrent.futures import Future, ThreadPoolExecutor
 from functools import partial
-from multiprocessing.context import SpawnProcess
+from multiprocessing.process import BaseProcess
 from typing import Any
 
-from app.services.runtime.child_process import log_failure, set_up_child_process
+from app.services.runtime.child_process import child_context, log_failure, set_up_child_process
 
 
 class JobProcesses:
@@ -20,7 +19,7 @@ class JobProcesses:
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="jobs")
         self._lock = threading.Lock()
         self._under_way: dict[Hashable, Future[bool]] = {}
-        self._process: SpawnProcess | None = None
+        self._process: BaseProcess | None = None
         self._closed = False
 
     def submit(
@@ -63,9 +62,7 @@ class JobProcesses:
         args: tuple[Any, ...],
         died: Callable[[int], None],
     ) -> bool:
-        process = multiprocessing.get_context("spawn").Process(
-            target=_as_worker, args=(function, args), daemon=True
-        )
+        process = child_context().Process(target=_as_worker, args=(function, args), daemon=True)
         try:
             with self._lock:
                 if self._closed:

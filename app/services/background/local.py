@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import multiprocessing
 import threading
 from collections import OrderedDict
 from collections.abc import Callable, Hashable
@@ -11,7 +10,7 @@ from concurrent.futures.process import BrokenProcessPool
 from functools import partial
 from typing import Any, TypeVar
 
-from app.services.runtime.child_process import log_failure, set_up_child_process
+from app.services.runtime.child_process import child_context, log_failure, set_up_child_process
 
 from .interface import Background
 from .job_process import JobProcesses
@@ -123,8 +122,7 @@ class _Processes:
         if self._pool is None:
             self._pool = ProcessPoolExecutor(
                 self._number,
-                # A fork would copy locks that other threads of the server hold.
-                mp_context=multiprocessing.get_context("spawn"),
+                mp_context=child_context(),
                 initializer=set_up_child_process,
             )
         return self._pool

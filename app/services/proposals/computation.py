@@ -6,7 +6,6 @@ milliseconds of CPU time during which the server could answer no request.
 
 from __future__ import annotations
 
-import multiprocessing
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -19,7 +18,7 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from app.pbbo import FitError, Preference, PreferenceOptimizer, Query, Settings, has_posterior
-from app.services.runtime.child_process import set_up_child_process
+from app.services.runtime.child_process import child_context, set_up_child_process
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -141,8 +140,7 @@ class FitProcess:
             if self._pool is None:
                 self._pool = ProcessPoolExecutor(
                     1,
-                    # A fork would copy locks that other threads of the server hold.
-                    mp_context=multiprocessing.get_context("spawn"),
+                    mp_context=child_context(),
                     initializer=_begin,
                 )
             return self._pool

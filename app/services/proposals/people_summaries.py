@@ -9,11 +9,10 @@ from __future__ import annotations
 
 import hashlib
 import logging
-import multiprocessing
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from multiprocessing.connection import Connection
-from multiprocessing.context import SpawnProcess
+from multiprocessing.process import BaseProcess
 from threading import Lock, Thread
 from typing import Any, Final
 
@@ -24,7 +23,7 @@ from numpy.typing import NDArray
 from app.pbbo import PbboError, Settings
 from app.pbbo.people_answers import PersonAnswer
 from app.pbbo.people_summary import PeopleSummary, summarise_box, summarise_candidates
-from app.services.runtime.child_process import set_up_child_process
+from app.services.runtime.child_process import child_context, set_up_child_process
 from app.study.search_space import SearchSpace
 
 from .boxes import box_in
@@ -109,7 +108,7 @@ class PeopleSummaries:
         self._turn = Lock()
         self._outcomes: LRUCache[str, tuple[frozenset[int], Outcome]] = LRUCache(MAX_SUMMARIES)
         self._under_way: set[str] = set()
-        self._process: SpawnProcess | None = None
+        self._process: BaseProcess | None = None
 
     def find(self, request: PeopleRequest, most_here: int = MANY_ANSWERS) -> PeopleSummary:
         """The summary, computed now if it is not cached. Raises NoSummaryError.
@@ -184,7 +183,7 @@ class PeopleSummaries:
         return _outcome(request)
 
     def _in_child(self, request: PeopleRequest) -> Outcome:
-        context = multiprocessing.get_context("spawn")
+        context = child_context()
         here, there = context.Pipe(duplex=False)
         process = context.Process(target=_child, args=(request, there), daemon=True)
         with self._lock:

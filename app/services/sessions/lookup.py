@@ -43,13 +43,15 @@ def find(
         raise SignInRequiredError("expected the token of a session, got one that nobody was given")
     session: SessionRow = found[0]
     session.newest_plan_id = found[1]
+    # The session may be described after this transaction, when deferred columns cannot be loaded.
+    plan, _ = repository.stored_plan(session.plan), repository.stored_texts(session.plan)
     open_still = session.stage not in session_state.ENDED
     if open_still and not even_expired and app.now() >= session.expires_at:
         raise SessionExpiredError(
             f"the session expired at {session.expires_at.isoformat(timespec='seconds')}"
         )
     if not even_expired:
-        refuse_if_too_old(repository.stored_plan(session.plan), session, app.now())
+        refuse_if_too_old(plan, session, app.now())
     return session
 
 

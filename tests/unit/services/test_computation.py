@@ -28,8 +28,9 @@ def elsewhere() -> Iterator[FitProcess]:
 
 
 def workers() -> set[psutil.Process]:
-    children = psutil.Process().children()
-    return {child for child in children if "spawn_main" in " ".join(child.cmdline())}
+    # Children are forked by a process that is a child itself.
+    here = psutil.Process()
+    return {child for child in here.children(recursive=True) if child.ppid() != here.pid}
 
 
 def test_the_same_is_thought_here_and_elsewhere_also_after_a_killed_process(

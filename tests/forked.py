@@ -51,9 +51,7 @@ class Forked:
     """
 
     def __init__(self, words: Sequence[str], environment: Mapping[str, str], log: Path) -> None:
-        self._process = CONTEXT.Process(
-            target=_run, args=(list(words), dict(environment), log)
-        )
+        self._process = CONTEXT.Process(target=_run, args=(list(words), dict(environment), log))
         self._process.start()
         assert self._process.pid is not None
         self.pid = self._process.pid

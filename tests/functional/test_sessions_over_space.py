@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import pytest
-from sqlalchemy import select
+from sqlalchemy import Connection, event, select
 
 from app.figures import svg
 from app.pbbo import Box
@@ -39,6 +39,8 @@ from tests.conftest import Clock, Idle
 from .client import Api, Session
 from .desk import Desk
 from .over_space import ScriptedMachine, open_live_study, to_first_pair, wait_for_pair
+from .test_places import waiting
+from .workers import until
 
 T = TypeVar("T")
 TRIANGLE = Box(low=[0, 0], high=[1, 1], constraints=["w0 >= w1"], names=["w0", "w1"])
@@ -296,6 +298,63 @@ def test_work_that_begins_after_a_withdrawal_asks_machines_for_nothing(
     for work in put_off:
         work()
     assert machine.asked() == []
+
+
+LEAVING: dict[str, Callable[[AppContext, Session], object]] = {
+    "withdraws": lambda _, person: person.call("withdraw"),
+    "is deleted": lambda app, _: withdrawal.delete_participant(
+        app, "live", pseudonym(app), "ada@lab.example"
+    ),
+    "loses a recording": lambda app, _: withdraw_shown_at(app, 0),
+}
+
+
+@pytest.mark.postgresql
+@pytest.mark.parametrize("how", LEAVING)
+def test_work_in_the_moment_of_a_withdrawal_asks_machines_for_nothing_in_vain(
+    client: Api,
+    app: AppContext,
+    machine: ScriptedMachine,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    how: str,
+) -> None:
+    open_live_study(app, tmp_path / "study", rollout="{ahead: 3}")
+    person = to_first_pair(client, machine)
+    put_off: list[Callable[[], None]] = []
+    monkeypatch.setattr(
+        app.background, "in_thread", lambda key, work, *args: put_off.append(partial(work, *args))
+    )
+    assert person.respond(likes(person, app)).status_code == 200
+    wait_for_pair(person, machine)
+    work, before = put_off[-1], cancelled(app)
+    begun: list[Future[None]] = []
+
+    def work_before_the_commit(_: Connection) -> None:
+        if not begun:
+            begun.append(threads.submit(work))
+            until(lambda: begun[0].done() or waiting(app) == 1, "the work ends, or waits for it")
+
+    with ThreadPoolExecutor(1) as threads:
+        event.listen(app.database.engine, "commit", work_before_the_commit)
+        LEAVING[how](app, person)
+        begun[0].result()
+    event.remove(app.database.engine, "commit", work_before_the_commit)
+    if how == "loses a recording":
+        put_off.clear()
+        person.look()
+        for again in put_off:
+            again()
+        assert machine.asked()
+    else:
+        assert machine.asked() == []
+    assert cancelled(app) == before
+
+
+def cancelled(app: AppContext) -> int:
+    """How many rollouts were taken back."""
+    with app.database.read() as db:
+        return db.query(Rollout).filter_by(status=states.CANCELLED).count()
 
 
 def test_with_lag_a_pair_does_not_depend_on_the_last_response(

@@ -8,14 +8,14 @@ session starts the work again.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from datetime import datetime
+from typing import Final
 
 from sqlalchemy import event, select, update
 from sqlalchemy.orm import Session
 
 from app.services.context import AppContext
-from app.services.proposals.box_steps import Point
 from app.services.proposals.proposer import RecordingRef
 from app.services.rollouts import requests, states
 from app.storage.models.rollouts import Rollout
@@ -23,8 +23,11 @@ from app.storage.models.studies import QueryRow, Recording, Response, SessionRow
 
 from . import box_next, box_pairs, box_trials, candidate_rows
 from .box_next import Computed, Following
-from .box_trials import BoxTrial
+from .box_trials import Barred, BoxTrial
 from .queries import OpenQuery
+
+#: How often the work is begun anew because recordings were withdrawn or unsafe meanwhile.
+MOST_ROUNDS: Final = 8
 
 
 def prepare(app: AppContext, db: Session, trial: BoxTrial, query: OpenQuery) -> Sequence[Computed]:
@@ -33,11 +36,7 @@ def prepare(app: AppContext, db: Session, trial: BoxTrial, query: OpenQuery) -> 
     Returns what may follow it, the likeliest first; empty until all of it is computed. Within a
     writing transaction, the work starts after its commit.
     """
-    barred = box_trials.read_barred(db, trial, query.trial_id)
-    needed = box_trials.candidates_of((*query.record, query.asked), barred)
-    points = box_trials.read_points(db, trial, needed)
-    likelier = _likelier(app, trial, query, barred, points)
-    possible = tuple(box_next.futures(trial, query.record, query.asked, barred, points, likelier))
+    _, possible = _possible(app, db, trial, query)
     computed = [box_next.cached(app.proposer.boxes, following) for following in possible]
     complete = [one for one in computed if one is not None]
     is_prepared = app.proposer.boxes.is_prepared(query.public_id, possible)
@@ -45,7 +44,7 @@ def prepare(app: AppContext, db: Session, trial: BoxTrial, query: OpenQuery) -> 
         key = ("ahead", trial.spec.seed, query.public_id)
 
         def start(_db: Session | None = None) -> None:
-            app.background.in_thread(key, _work, app, trial, query, possible)
+            app.background.in_thread(key, _work, app, trial, query)
 
         if app.database.is_writing(db):
             event.listen(db, "after_commit", start, once=True)
@@ -112,35 +111,55 @@ def leave(db: Session, session_id: int, now: datetime) -> None:
             requests.take_back(db, trial_id, (), now)
 
 
-def _likelier(
-    app: AppContext,
-    trial: BoxTrial,
-    query: OpenQuery,
-    barred: box_trials.Barred,
-    points: Mapping[int, Point],
-) -> str:
-    """The side that the model expects to win, if its step is cached."""
+def _possible(
+    app: AppContext, db: Session, trial: BoxTrial, query: OpenQuery
+) -> tuple[Barred, tuple[Following, ...]]:
+    """What is barred now, and what follows each possible response, the likeliest first."""
+    barred = box_trials.read_barred(db, trial, query.trial_id)
+    needed = box_trials.candidates_of((*query.record, query.asked), barred)
+    points = box_trials.read_points(db, trial, needed)
+    # The model expects a side to win, if its step is cached.
     before = box_next.after(trial, query.record, barred, points)
     step = None if before.query is None else app.proposer.boxes.cached(before.query[1])
-    return "left" if step is None or step.pair is None else step.pair.likelier
+    likelier = "left" if step is None or step.pair is None else step.pair.likelier
+    futures = box_next.futures(trial, query.record, query.asked, barred, points, likelier)
+    return barred, tuple(futures)
 
 
-def _work(
-    app: AppContext, trial: BoxTrial, query: OpenQuery, possible: tuple[Following, ...]
-) -> None:
+def _work(app: AppContext, trial: BoxTrial, query: OpenQuery) -> None:
     """Compute what may follow, ask for its recordings, and take back what is pointless."""
-    with app.database.read() as db:
-        if not is_open(db, query.public_id):
-            return
-    app.proposer.boxes.steps(
-        list(dict.fromkeys(request for following in possible for request in following.requests))
+    for _ in range(MOST_ROUNDS):
+        with app.database.read() as db:
+            if not is_open(db, query.public_id):
+                return
+            barred, possible = _possible(app, db, trial, query)
+        app.proposer.boxes.steps(
+            list(dict.fromkeys(request for following in possible for request in following.requests))
+        )
+        coming = [box_next.compute(app.proposer.boxes, following) for following in possible]
+        with app.database.write() as db:
+            _lock_session(db, query.public_id)
+            if not is_open(db, query.public_id):
+                return
+            if box_trials.read_barred(db, trial, query.trial_id) != barred:
+                continue
+            _ask(app, db, trial, query, coming)
+        app.proposer.boxes.mark_prepared(query.public_id, possible)
+        return
+
+
+def _lock_session(db: Session, public_id: str) -> None:
+    """Lock the session of this query, as responses and withdrawals do.
+
+    A statement of its own: PostgreSQL lets one that waited for a lock see only the locked row anew.
+    """
+    db.execute(
+        select(SessionRow.id)
+        .join(Trial, Trial.session_id == SessionRow.id)
+        .join(QueryRow, QueryRow.trial_id == Trial.id)
+        .where(QueryRow.public_id == public_id)
+        .with_for_update(of=SessionRow)
     )
-    coming = [box_next.compute(app.proposer.boxes, following) for following in possible]
-    with app.database.write() as db:
-        if not is_open(db, query.public_id):
-            return
-        _ask(app, db, trial, query, coming)
-    app.proposer.boxes.mark_prepared(query.public_id, possible)
 
 
 def _ask(

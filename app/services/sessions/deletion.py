@@ -35,6 +35,9 @@ def delete_person(
         select(SessionRow)
         .where(SessionRow.participant_id == participant_id)
         .options(selectinload(SessionRow.trials))
+        .order_by(SessionRow.id)
+        # Locked, so that work ahead of a session asks machines before this transaction, or not.
+        .with_for_update(of=SessionRow)
     ).all()
     seeds = _write_tombstones(app, db, rows, reason, at)
     # All other rows are deleted by cascading foreign keys.

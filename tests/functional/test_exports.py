@@ -142,6 +142,7 @@ def test_queries_say_what_chose_them_and_what_was_shown(walked: Walked) -> None:
     }
     assert queries.groupby("trial_index")["seed"].nunique().to_list() == [1, 1, 1]
     by_name = recordings.set_index("recording")
+    assert recordings[["rollout", "machine"]].isna().all(axis=None)
     for side in ("left", "right"):
         shown = by_name.loc[queries[f"{side}_recording"]]
         assert shown["candidate"].to_list() == queries[f"{side}_candidate"].to_list()

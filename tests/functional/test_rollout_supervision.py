@@ -174,18 +174,23 @@ def test_the_table_of_rollouts_tells_all_of_each(
     robot.put(first, video_bytes())
     robot.claimed()
     robot.failed(second, "=jammed")
-    answer = client.get(
-        "/api/v1/studies/robot/export/rollouts.csv",
-        headers={"Authorization": f"Bearer {api_token}"},
-    )
-    assert answer.status_code == 200
-    table = pd.read_csv(io.BytesIO(answer.content)).set_index("rollout")
+
+    def exported(name: str) -> pd.DataFrame:
+        address = f"/api/v1/studies/robot/export/{name}.csv"
+        answer = client.get(address, headers={"Authorization": f"Bearer {api_token}"})
+        assert answer.status_code == 200
+        return pd.read_csv(io.BytesIO(answer.content)).set_index("rollout")
+
+    table, recordings = exported("rollouts"), exported("recordings")
     done, failed = table.loc[first], table.loc[second]
     assert (done.outcome, done.machine, done.attempts) == ("recorded", "arm", 1)
     assert (done.w0, done.w1, done.seed, done.run) == (0.1, 3, 7, 0)
     assert (done.score, json.loads(str(done.series))) == (-2.5, {"t": [0, 1]})
     assert re.fullmatch("[0-9a-f]{64}", str(done.sha256))
     assert done.recording == "env1-1013-0"
+    assert list(recordings.index) == [first]
+    assert recordings.loc[first].recording == done.recording
+    assert recordings.loc[first].machine == "arm"
     assert failed.outcome == "asked"
     assert json.loads(str(failed.failures))[0]["reason"] == "=jammed"
 

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
+from app.storage.models.rollouts import Machine, Rollout
 from app.storage.models.studies import Candidate, Recording
 from app.study.plan import Plan
 
@@ -32,23 +33,33 @@ def _recordings_columns(plan: Plan) -> tuple[Column, ...]:
         integer("candidate", "Index of the candidate."),
         *parameters(plan, "", "the candidate"),
         integer("run", "Number of the recording of its candidate, from 0."),
-        text("source", "crane: rendered; file: the study's own video."),
+        text("source", "crane: rendered; file: a video of the study's own, or of a machine."),
         text("file", "The study's own file, as recordings.csv of its folder names it."),
         number("duration_s", "Length of the video.", "s"),
         number("score", "Score of the run, where it has one; never shown to anybody."),
         text("public_id", "What a browser knows the recording as."),
+        text("rollout", "Rollout that it was made by, see rollouts.csv; none where it was given."),
+        text("machine", "Machine that recorded it; none where it was given."),
     )
 
 
 def _recordings_rows(db: Session, request: Request) -> Iterator[Row]:
     by_candidate = points(db, request)
     statement = (
-        select(Candidate.environment, Candidate.candidate_index, Recording)
+        select(
+            Candidate.environment,
+            Candidate.candidate_index,
+            Recording,
+            Rollout.public_id,
+            Machine.name,
+        )
         .join(Candidate, Recording.candidate_id == Candidate.id)
+        .outerjoin(Rollout, Rollout.recording_id == Recording.id)
+        .outerjoin(Machine, Rollout.machine_id == Machine.id)
         .where(Candidate.study_id == request.study.id)
         .order_by(Candidate.environment, Candidate.candidate_index, Recording.run_index)
     )
-    for environment, index, row in fetch(db, statement):
+    for environment, index, row, rollout, machine in fetch(db, statement):
         yield (
             recording_name(environment, index, row.run_index),
             environment,
@@ -60,6 +71,8 @@ def _recordings_rows(db: Session, request: Request) -> Iterator[Row]:
             row.duration_s,
             row.score,
             row.public_id,
+            rollout,
+            machine,
         )
 
 

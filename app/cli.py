@@ -502,12 +502,13 @@ def replay(slug: Slug, data_dir: DataDir = None) -> None:
     """Work every trial out again from the responses; exit 1 if anything comes out otherwise."""
     from app.services.sessions.replay import replay as replay_study
 
-    different = queries = trials = withdrawn = gone = 0
+    different = queries = trials = withdrawn = gone = earlier = 0
     for trial in replay_study(app_context_of(data_dir), slug):
         trials += 1
         queries += trial.queries
         withdrawn += trial.withdrawn
         gone += trial.gone
+        earlier += trial.earlier
         different += len(trial.differences)
         for difference in trial.differences:
             out.print(
@@ -522,6 +523,11 @@ def replay(slug: Slug, data_dir: DataDir = None) -> None:
         out.print(
             f"{gone} pairs and acquired candidates of shared models cannot be worked out again: "
             "answers that they came from were deleted or taken back since. They stay as they were."
+        )
+    if earlier:
+        out.print(
+            f"{earlier} pairs and acquired candidates of shared models are not compared: their "
+            "trials began under an earlier version of the optimiser, whose steps differ."
         )
     raise Exit(1 if different else 0)
 

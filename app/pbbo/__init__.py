@@ -19,7 +19,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 from .box import Box
 from .box_optimizer import BoxOptimizer
 from .box_query import BoxQuery
-from .engine import ENGINE_VERSION
+from .engine import EARLIER_PEOPLE_ENGINES, ENGINE_VERSION
 from .errors import (
     BoxError,
     CandidatesError,
@@ -48,6 +48,7 @@ from .score_optimizer import SCORE_METHODS, SCORE_PRESETS, ScoreOptimizer
 from .settings import PRESETS, ScoreSettings, Settings, defaults_under
 
 __all__ = [
+    "EARLIER_PEOPLE_ENGINES",
     "ENGINE_VERSION",
     "METHODS",
     "PRESETS",

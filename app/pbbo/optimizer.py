@@ -108,6 +108,8 @@ class PreferenceOptimizer:
         self._people_settings = checked_people_settings(people)
         self._full_fits = full_fits
         self._people: PeopleTrial[Query] | None = None
+        #: The model of several people, and the beliefs read from it, by person.
+        self._beliefs: tuple[PeopleModel | None, dict[str | None, Average]] = (None, {})
 
     @classmethod
     def replay(
@@ -291,20 +293,20 @@ class PreferenceOptimizer:
             belief = self._believe()
         return belief.mean.copy(), belief.std.copy()
 
-    def sureness(self, within: float) -> float:
-        """Probability that no candidate is better than `best()` by more than `within`.
+    def sureness(self, within: float, person: str | None = None) -> float:
+        """Probability that no candidate is better than `best(person)` by more than `within`.
 
-        within: as a share, from 0 to 1, of the range of f over the candidates. Errors as for
-        `posterior`, and `SurenessError`.
+        within: as a share, from 0 to 1, of the range of f over the candidates. person: as for
+        `posterior`. Errors as for `posterior`, and `SurenessError`.
         """
         share = checked_share("within", within)
-        return self._landscapes().sureness(self.best(), share)
+        return self._landscapes(person).sureness(self.best(person), share)
 
     def may_be_best(self, probability: float = 0.95) -> tuple[int, ...]:
         """The fewest candidates that hold the best one with this probability, likeliest first."""
         return self._landscapes().may_be_best(checked_share("probability", probability))
 
-    def _landscapes(self) -> "Landscapes":
+    def _landscapes(self, person: str | None = None) -> "Landscapes":
         """Functions drawn from the belief; the same for the same history and seed."""
         from .sureness import Landscapes  # noqa: PLC0415
 
@@ -312,8 +314,12 @@ class PreferenceOptimizer:
             raise NoPosteriorError(f"sureness: {self._method_name} keeps no model of the answers")
         with one_thread():
             rng = generator(self._seed, Purpose.SURENESS, self.responses)
-            belief = self._believe() if self._people is None else self._people_belief(None)
-            return Landscapes(belief, self._allowed(), self.best(), rng)
+            belief: Posterior | Average
+            if person is None and self._people is None:
+                belief = self._believe()
+            else:
+                belief = self._people_belief(None if person is None else checked_person(person))
+            return Landscapes(belief, self._allowed(), self.best(person), rng)
 
     @property
     def preferences(self) -> tuple[Preference, ...]:
@@ -607,4 +613,10 @@ class PreferenceOptimizer:
 
         if not self._people_trial("posterior").history:
             return unlearned_people(self._candidates, self._settings)
-        return belief_of(self._candidates, self.people_model(), person, self._settings)
+        model = self.people_model()
+        if self._beliefs[0] is not model:
+            self._beliefs = (model, {})
+        known = self._beliefs[1]
+        if person not in known:
+            known[person] = belief_of(self._candidates, model, person, self._settings)
+        return known[person]

@@ -18,8 +18,9 @@ USUAL_WITHIN: Final = 0.1
 class Stop(Part):
     """A trial ends after the first response by which its model is that sure.
 
-    The model is sure in the sense of `PreferenceOptimizer.sureness(within)`. A knockout has none,
-    and trials under a model that people share do not end early.
+    The model is sure in the sense of `PreferenceOptimizer.sureness(within)`: a model that people
+    share of what the population likes best, or with `for: person` of what the person does. A
+    knockout has none.
     """
 
     sure: Finite = Field(
@@ -34,14 +35,9 @@ class Stop(Part):
 
 
 def stop_inconsistencies(plan: Mapping[str, object]) -> Iterator[Inconsistency]:
-    """A stop without a condition under which a trial's own model could be sure."""
+    """A stop without a condition under which a model could be sure."""
     if plan.get("stop") is None:
         return
     conditions = [as_mapping(condition) for condition in as_list(plan.get("conditions"))]
-    never = [one.get("method") == "knockout" or one.get("model") == "shared" for one in conditions]
-    if never and all(never):
-        yield Inconsistency(
-            ("stop",),
-            "expected a condition with a model of each trial's own, got knockouts and shared models"
-            " alone",
-        )
+    if conditions and all(one.get("method") == "knockout" for one in conditions):
+        yield Inconsistency(("stop",), "expected a condition with a model, got knockouts alone")

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 
 import pytest
 from fastapi import FastAPI
-from sqlalchemy import select
+from sqlalchemy import select, update
 
 from app.pbbo import PreferenceOptimizer
 from app.pbbo import Settings as PbpoSettings
@@ -30,6 +30,7 @@ from tests.conftest import SHORT_PLAN, Clock, Idle, StudyShelf
 
 from .client import Api, Session
 from .test_at_once import at_once, respond
+from .test_checks import table
 
 TOGETHER = """\
 conditions:
@@ -238,6 +239,58 @@ def test_the_acquired_candidate_is_the_populations_or_each_persons(
     assert best[2] == optimizer.best("1")
     assert optimizer.best("0") != optimizer.best("1")
     assert [trial.gone for trial in replayed(app)] == [0, 0]
+
+
+@pytest.mark.parametrize("target", ["population", "person"])
+def test_a_trial_ends_once_the_shared_model_is_sure(
+    app: AppContext, client: Api, study_shelf: StudyShelf, target: str
+) -> None:
+    stop = "stop: {sure: 0.75, within: 0.4}\n"
+    study_shelf.put_into(app, together(f"    for: {target}\n") + stop)
+    people = [client.start().to_first_query() for _ in range(2)]
+    assert people[0].state["progress"]["at_most"] is True
+    for _ in range(4):
+        for session in people:
+            if session.state["stage"] == "query":
+                session.respond(side_of(app, session, max))
+    acquired, trials = table(app, "acquired"), table(app, "trials")
+    for _, own in acquired.groupby("session_id"):
+        *before, last = own["sureness"]
+        assert last >= 0.75 > max(before, default=0.0)
+    assert len(acquired) < 8
+    assert trials["ended_at"].notna().all()
+    answers = everybodys_answers(app)
+    optimizer = PreferenceOptimizer.replay(
+        app.proposer.candidate_set(1, "env1").candidates,
+        [(a.left, a.right, a.response, None, str(a.person)) for a in answers],
+        method="pbpo-threshold",
+        seed=shared_trials._shared_seed(1, "together", "live"),
+        settings=PbpoSettings(threshold_covering=2, threshold_length_scales=(0.3,)),
+    )
+    about = str(answers[-1].person) if target == "person" else None
+    sure = optimizer.sureness(0.4, about)
+    assert acquired["sureness"].iloc[-1] == pytest.approx(sure)
+    assert [trial.gone for trial in replayed(app)] == [0, 0]
+    # A trial that should have ended earlier is told.
+    with app.database.write() as db:
+        db.scalars(select(Trial)).first().ended_at = None  # type: ignore[union-attr]
+    whats = [one.what for trial in replay(app, "short") for one in trial.differences]
+    assert whats == ["trial ended early after query"]
+
+
+def test_what_an_earlier_engine_proposed_is_not_compared_and_that_is_said(
+    app: AppContext, three: list[Session]
+) -> None:
+    for session in three * 2:
+        session.respond("left")
+    before = sum(trial.queries for trial in replayed(app))
+    with app.database.write() as db:
+        # A pair that this engine would not propose.
+        other = QueryRow.right_recording_id
+        db.execute(update(QueryRow).values(engine_version="3", left_recording_id=other))
+    found = replayed(app)
+    assert [trial.earlier for trial in found] == [5, 5, 5]
+    assert sum(trial.queries for trial in found) == before
 
 
 # Helpers

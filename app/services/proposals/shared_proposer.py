@@ -67,9 +67,12 @@ class SharedProposer:
                 self._prepared[seed, place] = prepared
 
     def seeds(self) -> frozenset[int]:
-        """The seeds of all trials that something is kept of."""
+        """The seeds of all trials that something is kept of.
+
+        What is kept for a first query is of other trials; its own may not have begun.
+        """
         with self._lock:
-            own = (seed for seed, _ in self._prepared)
+            own = (seed for seed, place in self._prepared if place > 0)
             return frozenset(own).union(*(one.seeds for one in self._prepared.values()))
 
     def evict(self, seeds: frozenset[int]) -> None:

@@ -43,7 +43,8 @@ class SharedRequest:
     person: who will answer. avoided: pairs that others are looking at. target: whose best candidate
     is looked for and acquired. choices: how many pairs are proposed, each for the case that those
     before it are being judged by another person. acquires: whether the acquired candidate is
-    computed.
+    computed. within: what to be sure of, as for `PreferenceOptimizer.sureness`; None to leave that
+    out.
     """
 
     candidates: NDArray[np.float64] = field(repr=False)
@@ -55,6 +56,7 @@ class SharedRequest:
     target: Literal["population", "person"]
     choices: int
     acquires: bool = True
+    within: float | None = None
 
 
 @dataclass(frozen=True)
@@ -98,10 +100,14 @@ def compute_shared_step(request: SharedRequest) -> SharedStep:
     acquired = None
     if request.acquires and request.history:
         best = optimizer.best(about)
-        at_best = (None, None) if posterior is None else (float(one[best]) for one in posterior)
-        acquired = AcquiredCandidate(best, *at_best)
-    mean = None if posterior is None else posterior[0]
-    return SharedStep(tuple(Choice(query, _likelier(query, mean)) for query in queries), acquired)
+        if posterior is None:
+            acquired = AcquiredCandidate(best, None, None)
+        else:
+            mean, std = (float(one[best]) for one in posterior)
+            sureness = None if request.within is None else optimizer.sureness(request.within, about)
+            acquired = AcquiredCandidate(best, mean, std, sureness)
+    means = None if posterior is None else posterior[0]
+    return SharedStep(tuple(Choice(query, _likelier(query, means)) for query in queries), acquired)
 
 
 def forget_fits(_: object = None) -> None:

@@ -41,12 +41,17 @@ def posterior(app: AppContext, db: Session, trial: Trial) -> Result:
     return _over_list(app, trial, spec, record, last)
 
 
-def is_sure(sureness: float | None, within: float) -> str:
-    """How sure a trial is, as a sentence; empty if it was not computed."""
+def is_sure(sureness: float | None, within: float, shared: int | None = None) -> str:
+    """How sure a trial is, as a sentence; empty if it was not computed.
+
+    shared: the candidate acquired by a model that people share.
+    """
     if sureness is None:
         return ""
+    model = "The model" if shared is None else "The model that people share"
+    than = "" if shared is None else f" than candidate {shared}"
     return (
-        f" The model is {percent(sureness)} sure that no candidate is better by more than"
+        f" {model} is {percent(sureness)} sure that no candidate is better{than} by more than"
         f" {percent(within)} of the range."
     )
 
@@ -90,11 +95,21 @@ def _over_list(
     says = (
         f"After {len(history)} answers the mean is highest at candidate {best}"
         f" ({_where(parameters[best])}); {len(shown)} of {len(mean)} candidates were shown."
-        f"{is_sure(None if last is None else last.sureness, spec.within or 0.0)}"
+        f"{_sure_of_list(trial, spec, last)}"
         f" With {percent(PROBABILITY)} the best one is among {len(likely)} of {len(mean)}"
         f" candidates: {_spans([parameters[candidate] for candidate in likely])}."
     )
     return Result(rows, says, extra={"best": rows[best], "ground": rows})
+
+
+def _sure_of_list(trial: Trial, spec: TrialSpec, last: Acquired | None) -> str:
+    if last is None:
+        return ""
+    condition = stored_plan(trial.session.plan).conditions[
+        trial.session.trial_conditions[trial.trial_index]
+    ]
+    shared = last.candidate if condition.is_shared else None
+    return is_sure(last.sureness, spec.within or 0.0, shared)
 
 
 def _over_space(

@@ -79,7 +79,7 @@ def consent(app: AppContext, token: str, version: str, *, successor: str | None 
             return state
         recordings = [
             *familiarisation.device_check_videos(app, session),
-            *trial_start.first_recordings(app, session),
+            *trial_start.prepare_first(app, db, session),
             *familiarisation.videos(app, session),
         ]
     app.proposer.render(recordings)

@@ -10,7 +10,7 @@ import numpy as np
 from sqlalchemy import bindparam, func, select
 from sqlalchemy.orm import Session, contains_eager, joinedload
 
-from app.pbbo import ENGINE_VERSION, defaults_under
+from app.pbbo import EARLIER_PEOPLE_ENGINES, ENGINE_VERSION, defaults_under
 from app.services.proposals.proposer import TrialSpec
 from app.services.proposals.trial_schedule import AnsweredQueries, AskedQuery
 from app.services.runtime.errors import NotFoundError
@@ -71,6 +71,8 @@ def trial_spec(
     plan = stored_plan(session.plan)
     # The practice uses the environment and the skip button of the first trial.
     condition = plan.conditions[session.trial_conditions[max(trial_index, 0)]]
+    # Under these versions shared models did not say how sure they were.
+    ends_early = not (condition.is_shared and engine_version in EARLIER_PEOPLE_ENGINES)
     return TrialSpec(
         study_id=session.study_id,
         environment=condition.environment,
@@ -83,7 +85,7 @@ def trial_spec(
         checks=plan.checks,
         engine_version=engine_version,
         within=plan.within,
-        sure=None if plan.stop is None else plan.stop.sure,
+        sure=plan.stop.sure if plan.stop is not None and ends_early else None,
     )
 
 

@@ -54,6 +54,9 @@ class Replayed:
     #: Queries and acquired candidates of a shared model that cannot be computed again, because
     #: answers that they were computed from were deleted or taken back since.
     gone: int = 0
+    #: Those that are not computed again, because their trial began under a version of the engine
+    #: whose steps differ.
+    earlier: int = 0
 
 
 def replay(app: AppContext, slug: str) -> Iterator[Replayed]:
@@ -84,6 +87,7 @@ def replay(app: AppContext, slug: str) -> Iterator[Replayed]:
                     else tuple(Difference(*one) for one in found.differences)
                 ),
                 gone=found.gone,
+                earlier=found.earlier,
             )
 
 

@@ -263,7 +263,8 @@ def _store_shared(
     if is_training(asked.trial, query.trial_type):
         own = shared_trials.answer_to(trial, asked.record[-1])
     step = shared_next.after(app, trial, place, moment, own)
-    now = _write_response(app, db, session, query, answer)
+    is_sure = own is not None and asked.trial.is_sure(step.acquired)
+    now = _write_response(app, db, session, query, answer, is_sure=is_sure)
     sources = shared_queries.store_derived(db, trial, query, step, moment, own, asked.record)
     if session.stage == Stage.QUERY and session.trial_index == query.trial.trial_index:
         candidate_set = app.proposer.candidate_set(asked.trial.study_id, asked.trial.environment)

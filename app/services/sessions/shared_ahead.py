@@ -1,7 +1,10 @@
-"""Computes what may follow the open query of a trial under a shared model, while its pair plays."""
+"""Computes pairs under a shared model ahead: the next while a pair plays, and the first while its
+person reads what comes before it.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from sqlalchemy import event
@@ -14,7 +17,7 @@ from app.services.proposals.trial_schedule import is_training
 from . import box_ahead, shared_next, shared_trials
 from .queries import OpenQuery
 from .shared_next import PreparedSteps
-from .shared_trials import SharedAnswer, SharedTrial
+from .shared_trials import Moment, SharedAnswer, SharedTrial
 
 
 def prepare(
@@ -41,11 +44,27 @@ def prepare(
         key = ("ahead", trial.spec.seed, query.public_id)
         app.background.in_thread(key, _work, app, trial, query)
 
+    _after_commit(app, db, start)
+    return []
+
+
+def prepare_first(app: AppContext, db: Session, trial: SharedTrial) -> None:
+    """Start to compute the first step of a trial that begins later.
+
+    Within a writing transaction, the work starts after its commit.
+    """
+
+    def start(_db: Session | None = None) -> None:
+        app.background.in_thread(("ahead", trial.spec.seed), _work_first, app, trial)
+
+    _after_commit(app, db, start)
+
+
+def _after_commit(app: AppContext, db: Session, start: Callable[..., None]) -> None:
     if app.database.is_writing(db):
         event.listen(db, "after_commit", start, once=True)
     else:
         start()
-    return []
 
 
 def _possible(trial: SharedTrial, query: OpenQuery) -> list[SharedAnswer | None]:
@@ -63,8 +82,24 @@ def _work(app: AppContext, trial: SharedTrial, query: OpenQuery) -> None:
         if not box_ahead.is_open(db, query.public_id):
             return
         moment = shared_trials.read_moment(db, trial, app.now())
-    place = query.asked.query_index + 1
-    prepared = shared_next.prepare(app, trial, place, moment, _possible(trial, query), ahead=True)
+    _prepare(app, trial, query.asked.query_index + 1, moment, _possible(trial, query))
+
+
+def _work_first(app: AppContext, trial: SharedTrial) -> None:
+    with app.database.read() as db:
+        moment = shared_trials.read_moment(db, trial, app.now())
+    _prepare(app, trial, 0, moment, [None])
+
+
+def _prepare(
+    app: AppContext,
+    trial: SharedTrial,
+    place: int,
+    moment: Moment,
+    answers: Sequence[SharedAnswer | None],
+) -> None:
+    """Compute and keep these steps, and render the first choice of each."""
+    prepared = shared_next.prepare(app, trial, place, moment, answers, ahead=True)
     for step in prepared.steps.values():
         for choice in step.choices[:1]:
             proposal = shared_next.proposed(app, trial, choice, place)

@@ -51,8 +51,12 @@ class Step:
 
 @dataclass(frozen=True)
 class PreparedSteps:
-    """Steps after each response that were computed at one moment; see `proposer.Prepared`."""
+    """Steps after each response that were computed at one moment; see `proposer.Prepared`.
 
+    ahead: whether in the background, before one of them was asked for.
+    """
+
+    ahead: bool
     moment: Moment
     steps: Mapping[Told, SharedStep]
 
@@ -95,7 +99,7 @@ def prepare(
     """Compute the step after each of these answers, and keep them for the query at this index."""
     requests = [request(app, trial, moment, own, proposes_at(trial, place)) for own in answers]
     steps = app.proposer.shared.steps(requests, starts_process=ahead)
-    prepared = PreparedSteps(moment, dict(zip(map(told, answers), steps, strict=True)))
+    prepared = PreparedSteps(ahead, moment, dict(zip(map(told, answers), steps, strict=True)))
     app.proposer.shared.prepare(trial.spec.seed, place, prepared)
     return prepared
 
@@ -109,12 +113,12 @@ def after(
     StepNeededError.
     """
     prepared = app.proposer.shared.prepared(trial.spec.seed, place)
-    found = None
     if isinstance(prepared, PreparedSteps):
         found = holding(app, trial, place, prepared, moment, told(own))
-    if found is None:
-        raise StepNeededError(trial, place, moment, own)
-    return found
+        if found is not None:
+            app.metrics.step_asked(ahead=prepared.ahead)
+            return found
+    raise StepNeededError(trial, place, moment, own)
 
 
 def holding(
@@ -176,6 +180,7 @@ def request_from(
         target=trial.target,
         choices=choices,
         acquires=acquires,
+        within=trial.spec.within,
     )
 
 

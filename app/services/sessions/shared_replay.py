@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
+from app.pbbo import EARLIER_PEOPLE_ENGINES
 from app.services.context import AppContext
+from app.services.proposals.computation import AcquiredCandidate
 from app.services.proposals.shared_steps import compute_shared_step
 from app.services.proposals.trial_schedule import AnsweredQueries, check_at, training_records
 from app.storage.models.studies import Acquired, PreferenceRow, QueryRow, Trial
 
-from . import queries, shared_next, shared_trials
+from . import early_end, queries, shared_next, shared_trials
 from .shared_queries import preferences
 from .shared_trials import SharedAnswer, SharedTrial, Sources
 
@@ -24,11 +27,13 @@ class SharedReplay:
 
     differences: what, stored, computed; see `replay.Difference`. gone: queries and acquired
     candidates that cannot be computed again, because answers that they were computed from were
-    deleted or taken back since.
+    deleted or taken back since. earlier: those that are not computed again, because their trial
+    began under a version of the engine whose steps differ.
     """
 
     differences: list[tuple[str, tuple[Any, ...], tuple[Any, ...]]] = field(default_factory=list)
     gone: int = 0
+    earlier: int = 0
 
 
 def trial_of(trial: Trial) -> SharedTrial | None:
@@ -42,8 +47,36 @@ def trial_of(trial: Trial) -> SharedTrial | None:
 def replay(app: AppContext, db: Session, trial: Trial, shared: SharedTrial) -> SharedReplay:
     """Compute each query and each acquired candidate again, as far as its answers are there."""
     found = SharedReplay()
-    answers = shared_trials.read_answers(db, shared)
     record = queries.read_record(db, trial.id)
+    acquired = db.scalars(
+        select(Acquired).where(Acquired.trial_id == trial.id).order_by(Acquired.query_index)
+    ).all()
+    if shared.spec.engine_version in EARLIER_PEOPLE_ENGINES:
+        found.earlier = len(trial.queries) + len(acquired)
+    else:
+        _replay_steps(app, db, trial, shared, record, acquired, found)
+    kept, computed = _preferences(db, shared, trial, record)
+    if kept != computed:
+        found.differences.append(
+            ("preferences", tuple(sorted(kept - computed)), tuple(sorted(computed - kept)))
+        )
+    return found
+
+
+def _replay_steps(
+    app: AppContext,
+    db: Session,
+    trial: Trial,
+    shared: SharedTrial,
+    record: AnsweredQueries,
+    acquired: Sequence[Acquired],
+    found: SharedReplay,
+) -> None:
+    """Compare queries, acquired candidates and the end of the trial, and add to what was found."""
+    if shared.spec.sure is None:
+        # Not compared, and costs time.
+        shared = replace(shared, spec=replace(shared.spec, within=None))
+    answers = shared_trials.read_answers(db, shared)
     for row in trial.queries:
         # A replacement for a video that did not play depends on which recordings were available.
         if row.attempt > 0:
@@ -59,22 +92,20 @@ def replay(app: AppContext, db: Session, trial: Trial, shared: SharedTrial) -> S
             found.gone += 1
         elif was != would_be:
             found.differences.append((f"query {row.query_index}", was, would_be))
-    acquired = db.scalars(
-        select(Acquired).where(Acquired.trial_id == trial.id).order_by(Acquired.query_index)
-    )
+    sure = []
     for stored in acquired:
-        candidate = _acquired(app, shared, stored, answers)
-        if candidate is None:
+        was_at = AcquiredCandidate(stored.candidate, None, None, stored.sureness)
+        computed = _acquired(app, shared, stored, answers)
+        if computed is None:
             found.gone += 1
-        elif candidate != stored.candidate:
+        elif computed.candidate != stored.candidate:
             what = f"acquired after query {stored.query_index}"
-            found.differences.append((what, (stored.candidate,), (candidate,)))
-    kept, computed = _preferences(db, shared, trial, record)
-    if kept != computed:
-        found.differences.append(
-            ("preferences", tuple(sorted(kept - computed)), tuple(sorted(computed - kept)))
-        )
-    return found
+            found.differences.append((what, (stored.candidate,), (computed.candidate,)))
+        # Where answers are gone, what the model said then is all that is known.
+        sure += [stored.query_index] if shared.spec.is_sure(computed or was_at) else []
+    ended = early_end.difference(trial, shared.spec, len(record), sure)
+    if ended is not None:
+        found.differences.append((early_end.WHAT, ended[:1], ended[1:]))
 
 
 def _query(
@@ -103,15 +134,14 @@ def _query(
 
 def _acquired(
     app: AppContext, shared: SharedTrial, stored: Acquired, answers: tuple[SharedAnswer, ...]
-) -> int | None:
-    """The acquired candidate; None if it cannot be computed."""
+) -> AcquiredCandidate | None:
+    """What was acquired; None if it cannot be computed."""
     sources = Sources.from_json(stored.computed_from or {})
     used = _used(shared, sources, answers)
     if used is None:
         return None
     request = shared_next.request_from(app, shared, used, (), choices=0)
-    acquired = compute_shared_step(request).acquired
-    return None if acquired is None else acquired.candidate
+    return compute_shared_step(request).acquired
 
 
 def _used(

@@ -16,7 +16,15 @@ from app.storage.models.studies import QueryRow, SessionRow, Trial
 from app.study.stage_settings import PRACTICE, PRACTICE_INDEX
 from app.study.stages import Stage
 
-from . import box_queries, box_trials, familiarisation, queries, shared_next, shared_trials
+from . import (
+    box_queries,
+    box_trials,
+    familiarisation,
+    queries,
+    shared_ahead,
+    shared_next,
+    shared_trials,
+)
 from .shared_trials import SharedTrial
 
 
@@ -31,7 +39,7 @@ def enter_stage(app: AppContext, db: Session, session: SessionRow) -> None:
             box_queries.ask_first_ahead(app, db, session, first_spec(session))
             return
         # Rendered ahead, so that the first pair is ready when the person continues.
-        coming = first_recordings(app, session)
+        coming = prepare_first(app, db, session)
         plan = repository.plan_of(session)
         if plan.familiarises_before(session.trial_index):
             coming = [*familiarisation.videos(app, session), *coming]
@@ -104,7 +112,7 @@ def _begin_practice(app: AppContext, db: Session, session: SessionRow) -> None:
     trial.queries.append(query_row(first, now))
     db.add(trial)
     db.flush()
-    app.proposer.render([first.left, first.right, *first_recordings(app, session)])
+    app.proposer.render([first.left, first.right, *prepare_first(app, db, session)])
 
 
 def practice_query(app: AppContext, session: SessionRow, query_index: int) -> ProposedQuery:
@@ -121,12 +129,15 @@ def first_query(app: AppContext, session: SessionRow) -> ProposedQuery:
     return first
 
 
-def first_recordings(app: AppContext, session: SessionRow) -> list[RecordingRef]:
-    """The recordings of the first pair of the session's current trial.
+def prepare_first(app: AppContext, db: Session, session: SessionRow) -> list[RecordingRef]:
+    """The recordings of the first pair of the session's current trial, to be rendered.
 
-    None under a shared model: what it knows when the trial begins decides the pair.
+    None under a shared model: the pair depends on what it knows, and is computed and rendered in
+    the background.
     """
-    if shared_trials.trial_of(session, session.trial_index, first_spec(session)) is not None:
+    shared = shared_trials.trial_of(session, session.trial_index, first_spec(session))
+    if shared is not None:
+        shared_ahead.prepare_first(app, db, shared)
         return []
     first = first_query(app, session)
     return [first.left, first.right]

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
-from playwright.sync_api import Browser, Page, Playwright
+from playwright.sync_api import Browser, Page, Playwright, expect
 
 from .evaluator import enter_small, watch
 from .server import Server
@@ -66,7 +66,7 @@ def expect_both_sides_alike(looks: dict[str, Any]) -> None:
 
 
 def next_pair(page: Page, number: int) -> None:
-    page.get_by_text(f"Pair {number} of 4").wait_for()
+    expect(page.get_by_test_id("progress")).to_contain_text(f"Pair {number} of 4")
     watch(page)
 
 

@@ -9,8 +9,8 @@ import pytest
 from app.services.context import AppContext
 from app.services.proposals.computation import History
 from app.services.proposals.proposer import NextStep, TrialSpec
-from app.services.sessions import replay, responses, undo, withdrawal
-from app.services.sessions.responses import FaultReport
+from app.services.sessions import replay, undo, video_faults, withdrawal
+from app.services.sessions.video_faults import FaultReport
 from app.storage.models.studies import Response
 from tests.conftest import StudyShelf
 
@@ -56,7 +56,7 @@ def test_a_pair_that_is_set_aside_meanwhile_takes_no_response(
     app: AppContext, person: Session, elsewhere: FitProcess
 ) -> None:
     report = FaultReport(person.state["query"]["id"], "pressed")
-    elsewhere(lambda: responses.report_fault(app, person.token, report))
+    elsewhere(lambda: video_faults.report_fault(app, person.token, report))
     assert person.respond("left").status_code == 409
     assert rows(app, Response) == 2
     person.look()

@@ -10,7 +10,7 @@ import pytest
 
 from app.services.context import AppContext
 from app.services.monitoring.incidents import incidents
-from app.services.sessions import event_limits, responses
+from app.services.sessions import event_limits, video_faults
 from app.services.studies import repository
 from app.services.studies.repository import StudyInfo
 from tests.conftest import SHORT_PLAN, StudyShelf
@@ -99,7 +99,7 @@ def test_a_session_that_sends_without_end_stores_no_more(
 def test_a_session_sets_a_bounded_number_of_pairs_aside(
     client: Api, short_study: StudyInfo, monkeypatch: Any
 ) -> None:
-    monkeypatch.setattr(responses, "MOST_FAULTS", 3)
+    monkeypatch.setattr(video_faults, "MOST_FAULTS", 3)
     session = client.start().to_first_query()
     assert [report(session, []).status_code for _ in range(2)] == [200, 200]
     session.respond("left")

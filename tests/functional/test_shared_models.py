@@ -22,6 +22,7 @@ from app.services.sessions import (
     shared_trials,
     withdrawal,
 )
+from app.services.sessions.answers import Answer
 from app.services.sessions.replay import Replayed, replay
 from app.services.sessions.shared_trials import SharedAnswer, Sources
 from app.storage.models.studies import Acquired, QueryRow, Response, Trial
@@ -179,7 +180,7 @@ def test_servers_that_share_a_database_share_the_model(
     for _ in range(2):
         for server, session in zip((app, another_server, app), three, strict=True):
             query = session.look()["query"]["id"]
-            responses.respond(server, session.token, responses.Answer(query, "left"))
+            responses.respond(server, session.token, Answer(query, "left"))
             assert len(set(open_pairs(app))) == 3
     assert numbers(app) == [0, 0, 0, *range(1, 7)]
     assert [trial.gone for trial in replayed(app)] == [0, 0, 0]

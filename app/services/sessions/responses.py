@@ -1,11 +1,10 @@
-"""Use cases of the query page: submit a response, report a video that did not play.
+"""Stores a response with the query that follows it.
 
-Each is stored in one transaction, so a second tab, a double click or a retry finds it done.
+Both in one transaction, so a second tab, a double click or a retry finds it done.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime
 
@@ -22,18 +21,13 @@ from app.services.proposals.trial_schedule import (
     check_at,
     is_training,
     next_query,
-    replacement,
     training_history,
     training_records,
 )
 from app.services.rollouts import requests
 from app.services.runtime.errors import (
-    AlreadyAnsweredError,
     ConflictError,
-    NotRecordedYetError,
-    SetAsideError,
     SkipNotOfferedError,
-    SkipReasonError,
 )
 from app.services.studies.repository import stored_plan
 from app.storage.bulk_insert import insert_rows
@@ -43,6 +37,7 @@ from app.study.stage_settings import PRACTICE_INDEX
 from app.study.stages import Stage
 
 from . import (
+    answers,
     box_next,
     box_queries,
     box_settling,
@@ -59,39 +54,12 @@ from . import (
     trial_start,
 )
 from . import state_view as session_state
+from .answers import Answer
 from .box_next import Computed, Following
 from .box_trials import BoxTrial
-from .queries import ClientEvent, OpenQuery
+from .queries import OpenQuery
 from .shared_trials import SharedTrial, Sources
 from .state_view import State
-
-#: Attempts at one query. A browser that needs more plays no video at all.
-MOST_ATTEMPTS = 20
-#: Queries of one session that may be set aside. A browser that fails more often is unsuitable.
-MOST_FAULTS = 100
-
-
-@dataclass(frozen=True)
-class Answer:
-    """A response, with the client events up to it."""
-
-    query_id: str
-    response: str
-    rt_ms: float | None = None
-    skip_reason: str | None = None
-    client_events: Sequence[ClientEvent] = ()
-    #: How many events the client dropped.
-    left_out: int = 0
-
-
-@dataclass(frozen=True)
-class FaultReport:
-    """The report that a video of this query did not play, with the client events up to it."""
-
-    query_id: str
-    reason: str
-    client_events: Sequence[ClientEvent] = ()
-    left_out: int = 0
 
 
 @dataclass(frozen=True)
@@ -174,7 +142,7 @@ def _attempt(
     with app.database.write() as db:
         session = lookup.find(app, db, token, to_write=True)
         query = queries.find(db, session, answer.query_id)
-        if not _is_new(session, query, answer):
+        if not answers.is_new(session, query, answer):
             return _Stored()
         asked = _read(db, session, query, answer)
         if stored_plan(session.plan).has_ranges:
@@ -290,12 +258,10 @@ def _read(db: Session, session: SessionRow, query: QueryRow, answer: Answer) -> 
         raise SkipNotOfferedError(
             "expected left or right: this query offers no skip", session.stage
         )
-    _check_reason(session, query, answer)
+    answers.check_reason(session, query, answer)
     is_practice = query.trial.trial_index == PRACTICE_INDEX
     before = () if is_practice else queries.read_record(db, query.trial_id)
-    return _ResponseContext(
-        trial, (*before, _shown(query, answer.response, answer.skip_reason)), is_practice
-    )
+    return _ResponseContext(trial, (*before, answers.answered(query, answer)), is_practice)
 
 
 def _store(
@@ -408,119 +374,3 @@ def _continue_practice(
     else:
         query.trial.ended_at = now
         trial_start.enter_stage(app, db, session)
-
-
-def report_fault(app: AppContext, token: str, report: FaultReport) -> State:
-    """Set a query aside because a video did not play, and ask a replacement at the same index.
-
-    The query that was set aside is kept, marked, and never used for training. A repeated report
-    changes nothing. Raises AlreadyAnsweredError if the query has a response, OutOfOrder if it is no
-    longer the open query, and ConflictError beyond the limits.
-    """
-    with app.database.write() as db:
-        session = lookup.find(app, db, token, to_write=True)
-        query = queries.find(db, session, report.query_id)
-        if query.set_aside_at is not None:
-            return session_state.describe(app, db, session)
-        if query.response is not None:
-            raise AlreadyAnsweredError(
-                "expected a query without a response, and this one is answered", session.stage
-            )
-        lookup.require_asked(session, query.query_index)
-        tried = queries.read_attempts(db, query)
-        if len(tried) >= MOST_ATTEMPTS:
-            raise ConflictError(
-                f"expected at most {MOST_ATTEMPTS} attempts at one query; none of them played"
-            )
-        if queries.number_set_aside(db, session) >= MOST_FAULTS:
-            raise ConflictError(
-                f"expected at most {MOST_FAULTS} pairs of a session that did not play, and there"
-                " are as many"
-            )
-        trial = queries.trial_spec(
-            session, query.trial.trial_index, query.trial.seed, query.engine_version
-        )
-        box = box_trials.trial_of(session, trial)
-        if box is None:
-            candidate_set = app.proposer.candidate_set(trial.study_id, trial.environment)
-            instead = replacement(candidate_set, trial, tried, app.recordings.is_available)
-        now = app.now()
-        query.set_aside_at = now
-        query.fault = report.reason
-        event_limits.store(db, session, query, report.client_events, report.left_out, now)
-        queries.close_events(db, session, query, "set_aside")
-        if box is not None:
-            box_queries.open_replacement(app, db, box, query.trial_id, tried, now)
-            session.last_seen_at = now
-            db.flush()
-            return session_state.describe(app, db, session)
-        db.add(trial_start.query_row(instead, now, trial_id=query.trial_id, attempt=len(tried)))
-        session.last_seen_at = now
-        db.flush()
-        app.proposer.render([instead.left, instead.right])
-        return session_state.describe(app, db, session)
-
-
-def _is_new(session: SessionRow, query: QueryRow, answer: Answer) -> bool:
-    """Whether the query has no response yet.
-
-    Raises AlreadyAnsweredError if it has another response, SetAsideError if the query was replaced,
-    and NotRecordedYetError if its videos do not exist yet.
-    """
-    if query.set_aside_at is not None:
-        raise SetAsideError(
-            "expected a response to the query that took this one's place: this one did not play",
-            session.stage,
-        )
-    if query.response is None:
-        if query.left_recording_id is None or query.right_recording_id is None:
-            raise NotRecordedYetError(
-                "expected a response to a pair that is shown: its videos are not recorded yet",
-                session.stage,
-            )
-        return True
-    if query.response.response != answer.response:
-        raise AlreadyAnsweredError(
-            f"expected {query.response.response!r} again, the response this query has, "
-            f"got {answer.response!r}",
-            session.stage,
-        )
-    return False
-
-
-def _check_reason(session: SessionRow, query: QueryRow, answer: Answer) -> None:
-    """Raise SkipReasonError if a reason comes without a skip, or is not one that the study offers.
-
-    A skip without a reason is accepted, for pages that were opened before reasons were offered. A
-    study that offers none accepts any.
-    """
-    if answer.skip_reason is None:
-        return
-    if answer.response != "skip":
-        raise SkipReasonError(
-            f"expected a reason with a skip only, got one with {answer.response!r}", session.stage
-        )
-    plan = stored_plan(session.plan)
-    # The practice uses the skip button of the first trial.
-    skip = plan.conditions[session.trial_conditions[max(query.trial.trial_index, 0)]].skip
-    offered = list(skip.reasons or ()) if skip else []
-    if offered and answer.skip_reason not in offered:
-        raise SkipReasonError(
-            f"expected one of {', '.join(offered)}, got {answer.skip_reason!r}", session.stage
-        )
-
-
-def _shown(query: QueryRow, response: str, skip_reason: str | None) -> AskedQuery:
-    return AskedQuery(
-        query_index=query.query_index,
-        trial_type=query.trial_type,
-        left=query.left_candidate,
-        right=query.right_candidate,
-        left_recording=query.left_recording_id,
-        right_recording=query.right_recording_id,
-        acquisition=query.acquisition,
-        engine_version=query.engine_version,
-        repeats=query.repeats_query_index,
-        response=response,
-        skip_reason=skip_reason,
-    )

@@ -9,10 +9,17 @@ from fastapi import APIRouter, Depends, Request, Response
 from app.services.arrival import admission
 from app.services.runtime.errors import ForbiddenError
 from app.services.runtime.ids import receipt_code
-from app.services.sessions import advance, questionnaires, responses, withdrawal
+from app.services.sessions import (
+    advance,
+    questionnaires,
+    responses,
+    video_faults,
+    withdrawal,
+)
+from app.services.sessions.answers import Answer
 from app.services.sessions.queries import ClientEvent
-from app.services.sessions.responses import Answer, FaultReport
 from app.services.sessions.undo import undo
+from app.services.sessions.video_faults import FaultReport
 from app.services.studies import access
 from app.services.studies.access import Right
 from app.services.studies.session_modes import LIVE
@@ -169,7 +176,7 @@ def undo_response(body: Undo, app: AppDep, token: SessionToken) -> State:
 def report_fault(body: ReportFault, app: AppDep, token: SessionToken) -> State:
     """Say that a video of the open query did not play: another one takes its place."""
     report = FaultReport(body.query_id, body.reason, _happenings(body.events), body.events_left_out)
-    return responses.report_fault(app, token, report)
+    return video_faults.report_fault(app, token, report)
 
 
 @of_session.post("/withdraw", responses=refusals(401, 410, 409, body=True), **STATE)

@@ -13,8 +13,8 @@ from fastapi.responses import Response
 from app.services.runtime.errors import AnswersRefusedError, ResponseRefusedError
 from app.services.sessions import advance, questionnaires
 from app.services.sessions import responses as pair_answers
+from app.services.sessions.answers import Answer
 from app.services.sessions.queries import ClientEvent
-from app.services.sessions.responses import Answer
 from app.services.sessions.state_view import State
 from app.study.questionnaire import as_meant
 from app.web.http.concurrency import limited_write

@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from decimal import Decimal
 from typing import Any, get_args
 
 from ruamel.yaml.comments import CommentedMap
 
-from . import numbers
+from . import candidate_form
+from .form_values import Fields, put, said_of, text_of, texts_of, value_of
 from .parsed_plan import as_list, as_mapping
 from .plan_validation import METHODS
 from .recruitment import Outcome
@@ -29,45 +29,51 @@ SINGLE = {
     "places": "places",
     "contact": "contact",
 }
-_NUMBERS = ("queries", "trials", "break", "places", "familiarisation")
-#: What no field takes.
-MOST_TYPED = 10**9
+#: Field -> part of the plan and key in it, for numbers that stand in a part of their own.
+_IN_PARTS = {"familiarisation": ("familiarisation", "videos"), "practice": ("practice", "queries")}
+_STOP = {"stop_sure": "sure", "stop_within": "within"}
+_WHOLE_NUMBERS = ("queries", "trials", "break", "places", *_IN_PARTS)
 OUTCOMES: tuple[str, ...] = get_args(Outcome)
 _ALLOWS_SKIP = {method.name: method.allows_skip for method in METHODS}
 #: More conditions than a session can go through.
 MOST_CONDITIONS = 50
-
-Fields = Mapping[str, str]
 
 
 def fields(text: str) -> dict[str, str]:
     """The values of the form's fields for this file. Raises YamlSyntaxError.
 
     title:<language> and skip:<n>:<language> hold texts; name:<n>, method:<n> and environment:<n>
-    the n-th condition; code:<outcome> and url:<outcome> the ways back.
+    the n-th condition; code:<outcome> and url:<outcome> the ways back. Those of candidates are in
+    `candidate_form`.
     """
     data = read_yaml(text).data
     languages = [str(language) for language in as_list(data.get("languages"))]
     found = {"languages": ", ".join(languages)}
     for field, key in SINGLE.items():
-        found[field] = _said(data.get(key))
+        found[field] = said_of(data.get(key))
     for language in languages:
-        found[f"title:{language}"] = _text(data.get("title"), language, languages)
-    found["familiarisation"] = _said(as_mapping(data.get("familiarisation")).get("videos"))
+        found[f"title:{language}"] = text_of(data.get("title"), language, languages)
+    for field, (part, key) in _IN_PARTS.items():
+        found[field] = said_of(as_mapping(data.get(part)).get(key))
+    for field, key in _STOP.items():
+        found[field] = said_of(as_mapping(data.get("stop")).get(key))
     reward = as_mapping(data.get("reward"))
-    found["amount"], found["currency"] = _said(reward.get("amount")), _said(reward.get("currency"))
+    found["amount"], found["currency"] = (
+        said_of(reward.get("amount")),
+        said_of(reward.get("currency")),
+    )
     recruitment = as_mapping(data.get("recruitment"))
-    found["platform"] = _said(recruitment.get("platform")) or "none"
+    found["platform"] = said_of(recruitment.get("platform")) or "none"
     for outcome in OUTCOMES:
-        found[f"code:{outcome}"] = _said(as_mapping(recruitment.get("codes")).get(outcome))
-        found[f"url:{outcome}"] = _said(as_mapping(recruitment.get("return_urls")).get(outcome))
+        found[f"code:{outcome}"] = said_of(as_mapping(recruitment.get("codes")).get(outcome))
+        found[f"url:{outcome}"] = said_of(as_mapping(recruitment.get("return_urls")).get(outcome))
     for index, condition in enumerate(map(as_mapping, as_list(data.get("conditions")))):
         for name in ("name", "method", "environment"):
-            found[f"{name}:{index}"] = _said(condition.get(name))
+            found[f"{name}:{index}"] = said_of(condition.get(name))
         label = as_mapping(condition.get("skip")).get("label")
         for language in languages:
-            found[f"skip:{index}:{language}"] = _text(label, language, languages)
-    return found
+            found[f"skip:{index}:{language}"] = text_of(label, language, languages)
+    return found | candidate_form.fields(data, languages)
 
 
 def environments(text: str) -> list[str]:
@@ -89,35 +95,35 @@ def written(text: str, given: Fields) -> str:
         if "languages" in changed:
             set_key(data, "languages", languages)
         if "languages" in changed or any(field.startswith("title:") for field in changed):
-            texts = _texts(given, "title", languages, old_languages)
+            texts = texts_of(given, "title", languages, old_languages)
             set_key(data, "title", texts) if texts else remove_key(data, "title")
         for field in changed & set(SINGLE):
-            _put(data, SINGLE[field], _value(field, given[field]))
-        if "familiarisation" in changed:
-            videos = _value("familiarisation", given["familiarisation"])
-            said = {**as_mapping(plain.get("familiarisation")), "videos": videos}
-            set_key(data, "familiarisation", said if videos is not None else {"videos": 0})
+            put(data, SINGLE[field], _value(field, given[field]))
+        for field, (part, key) in _IN_PARTS.items():
+            if field in changed:
+                number = _value(field, given[field])
+                said = {**as_mapping(plain.get(part)), key: number}
+                set_key(data, part, said if number is not None else {key: 0})
+        if changed & set(_STOP):
+            stop = dict(as_mapping(plain.get("stop")))
+            for field in changed & set(_STOP):
+                stop[_STOP[field]] = value_of(given[field])
+            put(data, "stop", {key: one for key, one in stop.items() if one is not None})
+        candidate_form.write(data, plain, given, changed, languages, old_languages)
         if changed & {"amount", "currency"}:
             before_it = as_mapping(plain.get("reward"))
             said = {
                 key: _value(key, given.get(key, "")) if key in changed else before_it.get(key)
                 for key in ("amount", "currency")
             }
-            _put(data, "reward", {key: value for key, value in said.items() if value is not None})
+            put(data, "reward", {key: value for key, value in said.items() if value is not None})
         if any(field.partition(":")[0] in ("platform", "code", "url") for field in changed):
-            _put(data, "recruitment", _recruitment(plain, given))
+            put(data, "recruitment", _recruitment(plain, given))
         of_conditions = ("name", "method", "environment", "skip", "languages")
         if any(field.partition(":")[0] in of_conditions for field in changed):
             set_key(data, "conditions", _conditions(plain, given, languages, old_languages))
 
     return edited(text, change)
-
-
-def _put(data: CommentedMap, key: str, value: Any) -> None:
-    if value in (None, {}):
-        remove_key(data, key)
-    else:
-        set_key(data, key, value)
 
 
 def _recruitment(plain: Mapping[str, object], given: Fields) -> dict[str, Any]:
@@ -152,7 +158,7 @@ def _conditions(
         condition["name"] = name
         for key in ("method", "environment"):
             condition[key] = given.get(f"{key}:{index}", "").strip()
-        label = _texts(given, f"skip:{index}", languages, old_languages)
+        label = texts_of(given, f"skip:{index}", languages, old_languages)
         if _ALLOWS_SKIP.get(condition["method"], False) and label:
             condition["skip"] = {**as_mapping(condition.get("skip")), "label": label}
         else:
@@ -161,39 +167,8 @@ def _conditions(
     return made
 
 
-def _texts(
-    given: Fields, prefix: str, languages: list[str], old_languages: list[str]
-) -> str | dict[str, str]:
-    """A text in each language that has one; the plain text in a study of one language."""
-    texts = {}
-    for place, language in enumerate(languages):
-        # The first language renamed: its texts stay those of the first language.
-        was = old_languages[0] if place == 0 and old_languages else language
-        text = given.get(f"{prefix}:{language}", given.get(f"{prefix}:{was}", "")).strip()
-        if text:
-            texts[language] = text
-    return texts.get(languages[0], "") if len(languages) == 1 else texts
-
-
-def _text(value: object, language: str, languages: list[str]) -> str:
-    if isinstance(value, str):
-        return value if language == languages[0] else ""
-    return _said(as_mapping(value).get(language))
-
-
 def _value(field: str, typed: str) -> object:
-    """A number if one was typed into a numeric field; None if it is empty.
-
-    An ambiguous number stays the typed text, which the validation reports.
-    """
-    typed = typed.strip()
-    number = numbers.read(typed) if field in _NUMBERS or field == "amount" else None
-    if not isinstance(number, Decimal) or not 0 <= number < MOST_TYPED:
-        return typed or None
-    if number == int(number):
-        return int(number)
-    return float(number) if field == "amount" else typed
-
-
-def _said(value: object) -> str:
-    return "" if value is None else str(value)
+    """The input of a field: a number where numbers belong, else the text; None if it is empty."""
+    if field not in _WHOLE_NUMBERS and field != "amount":
+        return typed.strip() or None
+    return value_of(typed, whole=field in _WHOLE_NUMBERS, least=0)

@@ -222,5 +222,16 @@ def test_the_form_and_the_file_are_one_thing(desk: Desk, folder: Path, app: AppC
     expected = (folder / "study.yaml").read_text().replace("trial: 4", "trial: 6")
     assert text.replace("places: 12\n", "").strip() == expected.strip()
     assert 'value="6"' in desk.get(f"{here}/settings").text
+    given |= {"candidates": "ranges", "constraints": "speed <= 2\r\n\r\nspeed >= 1", "lag:0": "7"}
+    del given["base"]
+    desk.post(f"{here}/settings", **given)
+    assert "rollout.lag</code></td><td>0 or 1</td><td>7</td>" in desk.get(here).text
+    file = app.settings.uploads_dir / here.strip("/") / "study.yaml"
+    text = file.read_text()
+    shown = desk.get(f"{here}/settings").text
+    assert re.search(r'name="constraints"[^>]*>speed &lt;= 2\nspeed &gt;= 1</textarea>', shown)
+    given = {"constraints": "speed <= 2\r\nspeed >= 1", "places": "13", "csrf_token": desk.csrf}
+    desk.post(f"{here}/settings", **given, languages="en, ja")
+    assert file.read_text() == text.replace("places: 12", "places: 13")
     desk.post(f"{here}/text", file="study.yaml", text="slug: [")
     assert desk.get(f"{here}/settings").status_code == 422

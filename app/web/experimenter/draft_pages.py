@@ -263,6 +263,7 @@ def _draft_page(
             "trials": plan.trials,
             "queries": plan.shown_per_trial,
             "recordings": len(checked.study.recordings),
+            "has_ranges": plan.has_ranges,
         }
     return experimenter_page(
         request,

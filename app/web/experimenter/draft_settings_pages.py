@@ -27,7 +27,7 @@ from .page_context import OwnForm, SignedIn, experimenter_page
 
 router = APIRouter(include_in_schema=False)
 
-#: Lines for conditions that are not there yet.
+#: Lines for conditions, and for parameters, that are not there yet.
 _FURTHER = 2
 
 
@@ -52,7 +52,7 @@ def _page(
     except YamlSyntaxError as error:
         raise _by_hand(error) from None
     values = {**stored, **(typed or {})}
-    there = sum(name.startswith("name:") for name in values)
+    there = sum(name.startswith("name:") for name in stored)
     return experimenter_page(
         request,
         caller,
@@ -70,6 +70,7 @@ def _page(
         ],
         languages=[name.partition(":")[2] for name in values if name.startswith("title:")],
         rows=there + _FURTHER,
+        parameter_rows=sum(name.startswith("parameter:") for name in stored) + _FURTHER,
         environments=environments,
         methods=METHODS,
         with_skip=[method.name for method in METHODS if method.allows_skip],
@@ -83,7 +84,8 @@ async def save(public_id: str, request: Request, app: AppDep, caller: SignedIn) 
     """Write the form's settings into the draft's `study.yaml`."""
     form = await request.form()
     given = {
-        name: value
+        # A browser sends lines of a text ended by both characters.
+        name: value.replace("\r\n", "\n")
         for name, value in form.items()
         if isinstance(value, str) and name not in ("csrf_token", "base")
     }

@@ -7,13 +7,14 @@ import difflib
 import pytest
 
 from app.study.draft_plan import begin_plan
-from app.study.parsed_plan import as_mapping
+from app.study.parsed_plan import as_list, as_mapping
 from app.study.plan_form import fields, written
 from app.study.plan_source import read_plan
-from app.study.scaffold import EXAMPLE
+from app.study.scaffold import EXAMPLE, MACHINE_EXAMPLE
 from app.study.yaml_edit import UneditableError
 from app.study.yaml_source import read_yaml
 
+MACHINE_TEXT = (MACHINE_EXAMPLE / "study.yaml").read_text(encoding="utf-8")
 TEXT = (EXAMPLE / "study.yaml").read_text(encoding="utf-8")
 
 
@@ -28,8 +29,13 @@ def lines_changed(before: str, after: str) -> list[str]:
     return [line for line in found if line[0] in "+-"]
 
 
-def test_a_form_sent_as_it_was_changes_nothing() -> None:
-    assert sent() == TEXT
+def faults(text: str) -> list[str]:
+    return [str(fault) for fault in read_plan(text).faults]
+
+
+@pytest.mark.parametrize("text", [TEXT, MACHINE_TEXT])
+def test_a_form_sent_as_it_was_changes_nothing(text: str) -> None:
+    assert sent(text) == text
 
 
 def test_a_changed_field_changes_its_line_and_no_other() -> None:
@@ -154,3 +160,76 @@ def test_a_begun_plan_is_the_example_under_its_own_names() -> None:
     assert plan.environments["videos"].source == "runs.csv"
     assert "# How many pairs of videos a trial has" in text
     assert "kitchen" not in text
+
+
+def test_a_list_becomes_ranges_whose_videos_machines_record() -> None:
+    ranges = {
+        "candidates": "ranges",
+        "practice": "0",
+        "familiarisation": "0",
+        "min:0": "0,5",
+        "max:0": "3",
+        "scale:0": "log",
+        "min:1": "-1",
+        "max:1": "1.5",
+        "step:1": "0.25",
+        "constraints": "speed >= height\n\n speed + height <= 4 ",
+        "ahead:0": "2",
+        "lag:0": "1",
+        "reuse:0": "false",
+        "timeout_s:0": "60",
+        "stop_sure": "0.9",
+        "stop_within": "0.2",
+    }
+    after = sent(**ranges)
+    plan = read_plan(after).plan
+    assert plan is not None, faults(after)
+    assert plan.space is not None
+    assert (plan.space.low, plan.space.high) == ((0.5, -1), (3, 1.5))
+    assert (plan.space.log, plan.space.step) == ((True, False), (None, 0.25))
+    assert plan.constraints == ("speed >= height", "speed + height <= 4")
+    kitchen = plan.environments["kitchen"]
+    assert (kitchen.source, kitchen.rollout.ahead, kitchen.rollout.lag) == ("machine", 2, 1)
+    assert (kitchen.rollout.reuse, kitchen.rollout.timeout_s) == (False, 60)
+    assert kitchen.rollout.attempts == 3
+    assert plan.stop is not None
+    assert (plan.stop.sure, plan.stop.within) == (0.9, 0.2)
+
+    # Other fields leave all of that as it is.
+    again = sent(after, queries="12")
+    assert lines_changed(after, again) == ["- queries_per_trial: 30", "+ queries_per_trial: 12"]
+
+    back = sent(after, candidates="list", stop_sure="", stop_within="")
+    found = read_plan(back).plan
+    assert found is not None, faults(back)
+    before = read_plan(TEXT).plan
+    assert before is not None
+    assert found.parameters == before.parameters
+    assert (found.environments, found.constraints, found.stop) == (before.environments, (), None)
+
+
+@pytest.mark.parametrize(
+    ("typed", "said"),
+    [
+        ({"max:0": "0.1"}, "parameters[0].max: expected a number above min (0.5), got 0.1"),
+        ({"max:0": "wide"}, "parameters[0].max: expected a number between"),
+        ({"min:1": ""}, "parameters[1].min: expected min and max of every parameter or of none"),
+        ({"attempts:0": "2.5"}, "rollout.attempts: expected a whole number from 1 to 20, got"),
+        ({"lag:0": "5"}, "rollout.lag: expected 0 or 1, got 5"),
+        ({"stop_within": "0.2"}, "stop.sure: expected a number from 0.5 to below 1"),
+        ({"stop_sure": "95%"}, "stop.sure: expected a number from 0.5 to below 1"),
+    ],
+)
+def test_what_a_machine_cannot_be_asked_for_is_kept_as_typed_and_named(
+    typed: dict[str, str], said: str
+) -> None:
+    after = sent(MACHINE_TEXT, **typed)
+    assert typed.items() <= fields(after).items()
+    assert any(said in one for one in faults(after)), faults(after)
+
+
+def test_a_parameter_is_added_and_another_goes_with_its_range() -> None:
+    after = sent(MACHINE_TEXT, parameter__0="", parameter__3="speed", min__3="1", max__3="2")
+    names = [one["name"] for one in map(as_mapping, as_list(read_yaml(after).data["parameters"]))]
+    assert names == ["politeness", "acceleration", "speed"]
+    assert faults(after) == []

@@ -15,6 +15,7 @@ from app.services.export import TABLES
 from app.services.export.table import Request, trials_of
 from app.services.pooling.people import PooledPeople, judged_together
 from app.services.results import people
+from app.services.results.trial_posterior import percent
 
 from .export import (
     Completed,
@@ -86,7 +87,7 @@ def _say(found: PooledPeople, request: Request) -> None:
             str(one.answers),
             f"{one.noise.value:.1f}",
             f"{one.likeness:.2f}",
-            f"{one.costs:.0%}",
+            percent(one.costs),
             f"{one.influence:.2f}",
             ", ".join(
                 f"{parameter.name} {value:g}"

@@ -43,7 +43,9 @@ def intervals(
             list(domain) if domain is not None else [0.0, max(row["high"] for row in rows) or 1.0]
         )
         scale = alt.Scale(domain=ends, type="log", nice=False) if log else alt.Scale(domain=ends)
-        x = alt.X("value:Q", title=x_title, scale=scale)
+        # Labels of a logarithmic axis lie close together at its upper ends of decades.
+        across = alt.Axis(labelOverlap="greedy", labelSeparation=6) if log else alt.Axis()
+        x = alt.X("value:Q", title=x_title, scale=scale, axis=across)
         bar = base.mark_rule(
             color=COLOURS["pbpo"], strokeWidth=2 if named else 1, opacity=0.6, aria=False
         ).encode(x=alt.X("low:Q", title=x_title), x2="high:Q")

@@ -13,6 +13,7 @@ from app.study.plan import Plan
 
 from . import people_words as words
 from .result import Result, Row, Summary
+from .trial_posterior import percent
 
 #: The columns of the table of people.
 HEADER: Final = (
@@ -80,10 +81,10 @@ def _line(
     moved = one.best_without != summary.best
     return (
         person.name,
-        f"{one.answers} ({one.skips} skips)" if one.skips else str(one.answers),
+        str(one.answers) + (f" ({one.skips} skip{'s' * (one.skips > 1)})" if one.skips else ""),
         words.point(summary, one.best, plan),
-        f"{one.costs:.0%}{', differs' if person.differs else ''}",
-        f"{one.own_share:.0%}",
+        f"{percent(one.costs)}{', differs' if person.differs else ''}",
+        f"{percent(one.own_share)}",
         "" if one.nearest is None else found.people[one.nearest].name,
         "" if one.kind is None else str(one.kind + 1),
         f"{one.noise.value:.1f} [{one.noise.low:g}, {one.noise.high:g}]",
@@ -187,7 +188,7 @@ PEOPLE_FINDINGS: Final[Mapping[str, PeopleFinding]] = MappingProxyType(
         "taste-and-reliability": PeopleFinding(
             "Taste and reliability",
             "To the right are people who like something else, above those whose answers follow"
-            f" nothing. From {DIFFERS:.0%} on a person differs; a noise of 1 is usual.",
+            f" nothing. From {percent(DIFFERS)} on a person differs; a noise of 1 is usual.",
             taste_and_reliability,
         ),
         "noise": PeopleFinding(

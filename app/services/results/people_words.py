@@ -11,6 +11,7 @@ from app.services.pooling.reliability import LEAST_NOISY
 from app.study.plan import Plan
 
 from .candidate_words import in_words, label
+from .trial_posterior import percent
 
 #: Words for small numbers at the beginning of a sentence.
 _NUMBERS: Final = {2: "Two", 3: "Three", 4: "Four"}
@@ -24,8 +25,8 @@ NOTES: Final = (
     (
         "A person who differs consistently has a taste of their own and counts as reliable. A"
         " reason against relying on a person is that their choices follow nothing (a noise of"
-        f" {NOISY:g} times the average or more with a probability of {LEAST_NOISY:.0%} or more), or"
-        " one of the flags of the Data page, which are of whole sessions."
+        f" {NOISY:g} times the average or more with a probability of {percent(LEAST_NOISY)} or"
+        " more), or one of the flags of the Data page, which are of whole sessions."
     ),
     (
         "Influence is worked out by taking a person's answers out of the fit; noises and the share"
@@ -45,8 +46,8 @@ def best(found: PooledPeople, summary: PeopleSummary, plan: Plan) -> str:
     )
     return (
         f"{len(found.people)} people together like {point(summary, summary.best, plan)} best"
-        f" ({named}). With 90 % the best lies within: {between}. With {summary.sure:.0%} no"
-        " candidate is better by more than a tenth of the range."
+        f" ({named}). With a probability of 90 %, the best lies within: {between}. With a probability"
+        f" of {percent(summary.sure)}, no candidate is better by more than a tenth of the range."
     )
 
 
@@ -61,8 +62,8 @@ def own_taste(found: PooledPeople, summary: PeopleSummary) -> str:
     share = summary.own_share
     differ = sum(person.differs for person in found.people)
     said = (
-        f"{share.value:.0%} of the variance of people's values is a taste of their own (90 %"
-        f" interval {share.low:.0%} to {share.high:.0%})."
+        f"{percent(share.value)} of the variance of people's values is a taste of their own (90 %"
+        f" interval {percent(share.low)} to {percent(share.high)})."
     )
     if differ == 0:
         return f"{said} The population's best suits everybody nearly as well as their own."
@@ -106,8 +107,8 @@ def influence(found: PooledPeople) -> str:
     ]
     if not moved:
         return "The population's best stays the same if any one person is left out."
+    furthest = percent(max(one.moves for one in moved))
     return (
         f"Without one person the population's best is another candidate for {len(moved)} of"
-        f" {len(found.people)} people; it lies at most {max(one.moves for one in moved):.0%} of"
-        " the range below."
+        f" {len(found.people)} people; it lies at most {furthest} of the range below."
     )

@@ -46,8 +46,9 @@ def best(found: PooledPeople, summary: PeopleSummary, plan: Plan) -> str:
     )
     return (
         f"{len(found.people)} people together like {point(summary, summary.best, plan)} best"
-        f" ({named}). With a probability of 90 %, the best lies within: {between}. With a probability"
-        f" of {percent(summary.sure)}, no candidate is better by more than a tenth of the range."
+        f" ({named}). With a probability of 90 %, the best lies within: {between}. With a"
+        f" probability of {percent(summary.sure)}, no candidate is better by more than a tenth of"
+        " the range."
     )
 
 

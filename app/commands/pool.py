@@ -57,7 +57,7 @@ def pool(
             continue
         with app.database.read() as db:
             found = judged_together(
-                db, request.study, named.name, request.modes, *trials_of(request)
+                db, request.people, request.study, named.name, request.modes, *trials_of(request)
             )
         _say(found, request)
     if out_dir is not None:

@@ -27,7 +27,8 @@ def modes_of(chosen: Sequence[str] | None) -> tuple[str, ...]:
 
 
 def resolve_flags(app: AppContext, request: Request) -> Request:
-    """The request with `left_out` set to the sessions that its flags exclude.
+    """The request with `left_out` set to the sessions that its flags exclude, and the process's
+    summaries of people.
 
     Raises ConflictError for an unknown condition, and for dates in the wrong order.
     """
@@ -39,6 +40,7 @@ def resolve_flags(app: AppContext, request: Request) -> Request:
         raise ConflictError(
             f"expected a last day on or after the first, {request.since}, got {request.until}"
         )
+    request = replace(request, people=app.proposer.people)
     if not request.without:
         return request
     with app.database.read() as db:

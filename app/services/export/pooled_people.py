@@ -142,7 +142,7 @@ def _judged(db: Session, request: Request) -> Iterator[PooledPeople]:
         if request.conditions and condition.name not in request.conditions:
             continue
         found = judged_together(
-            db, request.study, condition.name, request.modes, *trials_of(request)
+            db, request.people, request.study, condition.name, request.modes, *trials_of(request)
         )
         if found.summary is not None:
             yield found

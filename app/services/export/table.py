@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import UTC, date, datetime, time, timedelta
 from typing import Any
 
@@ -11,6 +11,7 @@ from sqlalchemy import ColumnElement, Select, exists, select
 from sqlalchemy.orm import Session, aliased
 
 from app.services.monitoring.data_quality import Flag
+from app.services.proposals.people_summaries import PeopleSummaries
 from app.services.studies.repository import StudyInfo
 from app.storage.models.studies import Candidate, Participant, Recording, SessionRow, Trial
 from app.study.plan import Plan
@@ -32,7 +33,8 @@ class Request:
     of these flags. completed: only completed sessions. left_out: primary keys of the sessions that
     `without` excludes, set by `filters.resolve_flags`. participants: only sessions of these
     pseudonyms; empty: of all. excel: whether tables begin with a byte order mark, by which Excel
-    knows UTF-8.
+    knows UTF-8. people: summaries of people judged together, the process's once
+    `filters.resolve_flags` has set them.
     """
 
     study: StudyInfo
@@ -45,6 +47,7 @@ class Request:
     left_out: tuple[int, ...] = ()
     participants: tuple[str, ...] = ()
     excel: bool = False
+    people: PeopleSummaries = field(default_factory=PeopleSummaries, compare=False, repr=False)
 
 
 @dataclass(frozen=True)

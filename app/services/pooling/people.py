@@ -11,7 +11,7 @@ from sqlalchemy.orm import Session
 
 from app.pbbo.people_summary import PeopleSummary, PersonSummary
 from app.services.monitoring import data_quality
-from app.services.proposals.people_summaries import SUMMARIES, NoSummaryError
+from app.services.proposals.people_summaries import NoSummaryError, PeopleSummaries
 from app.services.studies.repository import StudyInfo
 
 from . import answers, reliability
@@ -68,6 +68,7 @@ class PooledPeople:
 
 def judged_together(
     db: Session,
+    summaries: PeopleSummaries,
     study: StudyInfo,
     condition: str,
     modes: Sequence[str],
@@ -76,9 +77,9 @@ def judged_together(
 ) -> PooledPeople:
     """The people under a condition of the plan.
 
-    of: conditions on sessions and trials.  waits: whether to compute what is not cached, which
-    takes a second for a few people and a minute for two hundred; otherwise it is begun in the
-    background.
+    summaries: where they are cached.  of: conditions on sessions and trials.  waits: whether to
+    compute what is not cached, which takes a second for a few people and a minute for two hundred;
+    otherwise it is begun in the background.
     """
     pooled = answers.read(db, study, condition, *of)
     if pooled.people < 2:
@@ -88,9 +89,9 @@ def judged_together(
         )
     try:
         if waits:
-            summary: PeopleSummary | None = SUMMARIES.find(pooled.request)
+            summary: PeopleSummary | None = summaries.find(pooled.request)
         else:
-            summary = SUMMARIES.find_or_start(pooled.request)
+            summary = summaries.find_or_start(pooled.request)
     except NoSummaryError as error:
         return PooledPeople(pooled, None, (), str(error))
     if summary is None:

@@ -212,8 +212,3 @@ def _outcome(request: PeopleRequest) -> Outcome:
         return compute_summary(request)
     except NoSummaryError as error:
         return error
-
-
-#: The summaries of this process. They depend on nothing but the answers, so that tables which are
-#: given a transaction alone share them with pages.
-SUMMARIES: Final = PeopleSummaries()

@@ -37,7 +37,7 @@ from .computation import (
     compute_step,
     compute_steps,
 )
-from .people_summaries import SUMMARIES
+from .people_summaries import PeopleSummaries
 from .posterior_cache import PosteriorCache
 from .shared_proposer import SharedProposer
 from .step_cache import StepCache
@@ -175,7 +175,7 @@ class Proposer:
         #: Posteriors for session pages.
         self.posteriors = PosteriorCache()
         #: Summaries of several people's answers, for results and exports.
-        self.people = SUMMARIES
+        self.people = PeopleSummaries()
 
     def candidate_set(self, study_id: int, environment: str) -> CandidateSet:
         """The candidates and recordings of a study's environment.

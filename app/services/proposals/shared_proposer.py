@@ -12,7 +12,14 @@ from app.services.background.interface import Background
 from app.services.runtime.metrics import Metrics
 
 from .computation import FitProcess
-from .shared_steps import SharedRequest, SharedStep, compute_shared_step, forget_fits
+from .shared_steps import (
+    RememberedFits,
+    SharedRequest,
+    SharedStep,
+    compute_shared_step,
+    forget_in_child,
+    step_in_child,
+)
 from .step_cache import MAX_PURGED
 
 #: Open queries whose steps are kept. Each holds the answers that it was computed from.
@@ -37,6 +44,7 @@ class SharedProposer:
         self._background = background
         self._metrics = metrics
         self._lock = threading.Lock()
+        self._fits = RememberedFits()
         self._prepared: LRUCache[tuple[int, int], Prepared] = LRUCache(MAX_PREPARED)
         # A computation that was running when a trial was deleted must not store its result.
         self._purged: LRUCache[int, None] = LRUCache(MAX_PURGED)
@@ -52,8 +60,12 @@ class SharedProposer:
         here = trivial or not (starts_process or self._fit_process.is_ready)
         with self._metrics.fitting(len(requests)):
             if here:
-                return [compute_shared_step(request) for request in requests]
-            return self._fit_process.map(compute_shared_step, requests)
+                return [self.step(request) for request in requests]
+            return self._fit_process.map(step_in_child, requests)
+
+    def step(self, request: SharedRequest) -> SharedStep:
+        """The step of this request, computed in the calling thread."""
+        return compute_shared_step(request, self._fits)
 
     def prepared(self, seed: int, place: int) -> Prepared | None:
         """What was kept for the query at this index of the trial of this seed."""
@@ -86,10 +98,10 @@ class SharedProposer:
             for key in gone:
                 del self._prepared[key]
         if gone:
-            forget_fits()
+            self._fits.forget()
             if self._fit_process.is_ready:
                 self._background.in_thread(
-                    "forget fits", self._fit_process.map, forget_fits, [None]
+                    "forget fits", self._fit_process.map, forget_in_child, [None]
                 )
 
     def purge(self, seeds: frozenset[int]) -> None:

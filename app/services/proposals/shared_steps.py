@@ -1,7 +1,8 @@
 """Steps of a model that several people share: pairs for one of them, and the acquired candidate.
 
 A step is a pure function of the candidates, the settings, the seed, everybody's answers and the
-pairs that others are looking at. Full fits are remembered, since many steps begin from the same.
+pairs that others are looking at. Many steps begin from the same full fit, so fits are
+remembered: by the server's proposer for what it computes itself, by the child process for the rest.
 """
 
 from __future__ import annotations
@@ -75,8 +76,31 @@ class SharedStep:
     acquired: AcquiredCandidate | None
 
 
-def compute_shared_step(request: SharedRequest) -> SharedStep:
-    """Compute one step. Pure."""
+class RememberedFits:
+    """Full fits by candidates and settings. Thread-safe."""
+
+    def __init__(self) -> None:
+        self._lock = Lock()
+        self._fits: LRUCache[str, LRUCache[Any, Any]] = LRUCache(MAX_LISTS)
+
+    def of(self, request: SharedRequest) -> LRUCache[Any, Any]:
+        """The fits of this request's candidates under its settings."""
+        said = json.dumps(request.settings, sort_keys=True, default=str).encode()
+        key = sha256(said + request.candidates.tobytes()).hexdigest()
+        with self._lock:
+            fits = self._fits.get(key)
+            if fits is None:
+                fits = self._fits[key] = LRUCache(MAX_FITS)
+            return fits
+
+    def forget(self) -> None:
+        """Drop all; they are computed again on request."""
+        with self._lock:
+            self._fits.clear()
+
+
+def compute_shared_step(request: SharedRequest, remembered: RememberedFits) -> SharedStep:
+    """Compute one step. Pure: what is remembered only saves time."""
     settings = Settings.from_mapping(request.settings)
     optimizer = PreferenceOptimizer.replay(
         request.candidates,
@@ -86,7 +110,7 @@ def compute_shared_step(request: SharedRequest) -> SharedStep:
         settings=settings,
         people=_PEOPLE,
         pending=request.avoided,
-        full_fits=_full_fits(request),
+        full_fits=remembered.of(request),
     )
     queries = optimizer.alternatives(request.person, request.choices, target=request.target)
     about = request.person if request.target == "person" else None
@@ -110,28 +134,21 @@ def compute_shared_step(request: SharedRequest) -> SharedStep:
     return SharedStep(tuple(Choice(query, _likelier(query, means)) for query in queries), acquired)
 
 
-def forget_fits(_: object = None) -> None:
-    """Drop all remembered fits of this process; they are computed again on request."""
-    with _LOCK:
-        _FITS.clear()
-
-
 def _likelier(query: Query, mean: NDArray[np.float64] | None) -> str:
     if mean is None or query.trial_type != "model":
         return "left"
     return "left" if mean[query.left] >= mean[query.right] else "right"
 
 
-_LOCK = Lock()
-_FITS: LRUCache[str, LRUCache[Any, Any]] = LRUCache(MAX_LISTS)
+#: What the child process remembers; it ends with that process.
+_IN_CHILD: Final = RememberedFits()
 
 
-def _full_fits(request: SharedRequest) -> LRUCache[Any, Any]:
-    """The remembered fits of these candidates under these settings."""
-    said = json.dumps(request.settings, sort_keys=True, default=str).encode()
-    key = sha256(said + request.candidates.tobytes()).hexdigest()
-    with _LOCK:
-        fits = _FITS.get(key)
-        if fits is None:
-            fits = _FITS[key] = LRUCache(MAX_FITS)
-        return fits
+def step_in_child(request: SharedRequest) -> SharedStep:
+    """Compute one step in the child process."""
+    return compute_shared_step(request, _IN_CHILD)
+
+
+def forget_in_child(_: object = None) -> None:
+    """Drop what the child process remembers."""
+    _IN_CHILD.forget()

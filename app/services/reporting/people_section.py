@@ -28,7 +28,9 @@ def people_together(db: Session, request: Request) -> Iterator[Block]:
     for condition in study.plan.conditions:
         if request.conditions and condition.name not in request.conditions:
             continue
-        found = judged_together(db, study, condition.name, request.modes, *trials_of(request))
+        found = judged_together(
+            db, request.people, study, condition.name, request.modes, *trials_of(request)
+        )
         if found.pooled.people > 1:
             parts += _condition(found, request)
     if parts:

@@ -12,7 +12,6 @@ from sqlalchemy.orm import Session
 from app.pbbo import EARLIER_PEOPLE_ENGINES
 from app.services.context import AppContext
 from app.services.proposals.computation import AcquiredCandidate
-from app.services.proposals.shared_steps import compute_shared_step
 from app.services.proposals.trial_schedule import AnsweredQueries, check_at, training_records
 from app.storage.models.studies import Acquired, PreferenceRow, QueryRow, Trial
 
@@ -127,7 +126,7 @@ def _query(
         request = shared_next.request_from(
             app, shared, used, sources.avoided, choices=1, acquires=False
         )
-        [choice] = compute_shared_step(request).choices
+        [choice] = app.proposer.shared.step(request).choices
         query = shared_next.proposed(app, shared, choice, row.query_index)
     return query.left_candidate, query.right_candidate, query.left.id, query.right.id
 
@@ -141,7 +140,7 @@ def _acquired(
     if used is None:
         return None
     request = shared_next.request_from(app, shared, used, (), choices=0)
-    return compute_shared_step(request).acquired
+    return app.proposer.shared.step(request).acquired
 
 
 def _used(

@@ -110,5 +110,11 @@ def _judged(app: AppContext, study: StudyInfo, condition: str, mode: str) -> Poo
     modes = modes_of(mode)
     with app.database.read() as db:
         return judged_together(
-            db, study, condition, modes, *trials_of(Wanted(study, modes)), waits=False
+            db,
+            app.proposer.people,
+            study,
+            condition,
+            modes,
+            *trials_of(Wanted(study, modes)),
+            waits=False,
         )

@@ -14,6 +14,7 @@ import httpx
 import numpy as np
 from sqlalchemy import select
 
+from app.lab import people_needed
 from app.lab.evaluators import Certain, Evaluator, SkipsEqual, Uncertain
 from app.lab.session_bot import walk
 from app.lab.session_people import SessionPerson, SimulatedPeople, session_person
@@ -24,7 +25,7 @@ from app.services.bootstrap import open_app
 from app.services.context import AppContext, utc_now
 from app.services.runtime.settings import Settings
 from app.services.sessions import simulated_evaluators
-from app.services.studies import repository, simulation_results
+from app.services.studies import people_power, repository, simulation_results
 from app.storage.database import Database
 from app.storage.models.studies import QueryRow, SessionRow, Study, Trial
 from app.web.http.security import optional_experimenter
@@ -164,8 +165,11 @@ def simulate_job(settings: Settings, request: Mapping[str, Any], report: Progres
     return f"{first + done.completed} simulated sessions were completed. {done.in_words()}"
 
 
-#: Kinds of job that walk through the application itself, which services may not import.
-JOBS: Mapping[str, JobHandler] = {simulation_results.SIMULATE: simulate_job}
+#: Kinds of job that services may not import: they simulate evaluators.
+JOBS: Mapping[str, JobHandler] = {
+    simulation_results.SIMULATE: simulate_job,
+    people_power.POWER: people_needed.power_job,
+}
 
 
 def completed_simulated(settings: Settings, slug: str) -> int:

@@ -7,14 +7,16 @@ given all, and by a model of each person's own.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import json
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
 from .consensus_methods import alone, replayed
 from .consensus_sets import Case, drawn_set, regret
+from .consensus_tables import with_error
 
 #: A mean so far below what is asked for, in standard errors, is enough.
 ERRORS: Final = 1.0
@@ -83,3 +85,19 @@ def in_words(found: Sequence[Found], within: float) -> list[str]:
         else:
             said.append(f"{name}: {first.people} people of {first.answers} answers are enough.")
     return said
+
+
+def power_job(_: object, request: Mapping[str, Any], report: Callable[[int, int], None]) -> str:
+    """The work of a job: the sweep that `request` asks for; its table and sentences as JSON."""
+    sizes = len(set(request["people"])) * len(set(request["answers"]))
+    seeds = range(request["seed"], request["seed"] + request["sets"])
+    found: list[Found] = []
+    report(0, sizes)
+    for one in sweep(request["people"], request["answers"], request["own_share"], seeds):
+        found.append(one)
+        report(len(found), sizes)
+    lines = [
+        [one.people, one.answers, *map(with_error, (one.shared, one.pooled, one.own))]
+        for one in found
+    ]
+    return json.dumps({"lines": lines, "says": in_words(found, request["within"])})

@@ -301,6 +301,7 @@ RULES: Mapping[str, Rule] = {
     "POST /studies/{slug}/pilot/link": CHANGE_FORM,
     "POST /studies/{slug}/pilot/end": CHANGE_FORM,
     "POST /studies/{slug}/simulate": CHANGE_FORM,
+    "POST /studies/{slug}/power": CHANGE_FORM,
     "GET /studies/{slug}/people/delete": CHANGE.with_(query={"participant": "P-1"}),
     "POST /studies/{slug}/people/delete": CHANGE_FORM.with_(form={"participant": "P-1"}),
     "POST /studies/{slug}/people/find": CHANGE_FORM.with_(form={"who": "P-1"}),

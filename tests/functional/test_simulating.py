@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import re
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from sqlalchemy import select
 
 from app import simulated_recordings
 from app.crane import single_run
+from app.lab.people_needed import Found, sweep
 from app.lab.session_people import SimulatedPeople
 from app.services.accounts import audit_log
 from app.services.accounts.accounts import Role
@@ -81,6 +83,32 @@ def test_simulated_sessions_fill_a_drafts_tables_and_tell_of_its_design(
         rows = db.execute(select(SessionRow.mode, SessionRow.stage)).all()
     assert [tuple(row) for row in rows] == [("simulated", "completed")] * 3
     assert audit_log.trail(app, "kettles")[0].action == "simulation asked for"
+
+
+def test_the_page_tells_how_many_people_are_needed(desk: Desk, kettles: StudyInfo) -> None:
+    form = {"people": "2, 3", "answers": "2", "own_share": "0.3", "within": "0.9", "sets": "2"}
+    refused = desk.post("/studies/kettles/power", **form | {"answers": "2; 1"})
+    assert "whole numbers from 1 to 50 with commas between them" in refused.text
+    assert desk.post("/studies/kettles/power", **form, seed="0").status_code == 303
+    page = desk.get("/studies/kettles/manage").text
+    assert page.count("2 people of 2 answers are enough.") == 3
+    shown = re.search(r'data-testid="power-lines".*?</table>', page, re.DOTALL)
+    assert shown is not None
+    found = list(sweep([2, 3], [2], 0.3, [0, 1]))
+    cells = re.findall(r"<td[^>]*>(.*?)</td>", shown[0])
+    assert cells == [
+        str(value)
+        for one in found
+        for value in (
+            one.people,
+            one.answers,
+            *(f"{np.mean(way):.3f} ± {np.std(way, ddof=1) / 2**0.5:.3f}" for way in ways(one)),
+        )
+    ]
+
+
+def ways(found: Found) -> tuple[tuple[float, ...], ...]:
+    return found.shared, found.pooled, found.own
 
 
 def test_the_design_is_worked_out_from_what_was_acquired(

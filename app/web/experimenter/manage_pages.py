@@ -17,6 +17,7 @@ from app.services.runtime.errors import ChangedMeanwhileError, ConflictError
 from app.services.studies import (
     lifecycle,
     opening,
+    people_power,
     repository,
     revision,
     session_modes,
@@ -137,6 +138,28 @@ def simulate(
     """Start a job that runs simulated sessions."""
     try:
         simulation_results.simulate(app, caller, study, sessions, evaluator, seed)
+    except ConflictError as error:
+        return _manage(request, app, caller, study, str(error))
+    return _to(study, "/manage")
+
+
+@router.post("/studies/{slug}/power", dependencies=[OwnForm])
+def power(
+    study: ChangeOf,
+    request: Request,
+    app: AppDep,
+    caller: SignedIn,
+    people: Annotated[str, Form(max_length=40)] = "",
+    answers: Annotated[str, Form(max_length=40)] = "",
+    own_share: Annotated[float, Form(ge=0, le=1)] = 0.3,
+    within: Annotated[float, Form(ge=0, le=1)] = 0.1,
+    sets: Annotated[int, Form(ge=2, le=people_power.MOST_SETS)] = 20,
+    seed: Annotated[int, Form(ge=0, le=2**31 - 1)] = 0,
+) -> Response:
+    """Start a job that tells how many people are needed."""
+    try:
+        asked = people_power.PowerRequest.from_form(people, answers, own_share, within, sets, seed)
+        people_power.ask(app, caller, study, asked)
     except ConflictError as error:
         return _manage(request, app, caller, study, str(error))
     return _to(study, "/manage")
@@ -268,6 +291,9 @@ def _manage(
         designs=simulation_results.designs(app, study),
         thinking_s=simulation_results.THINKING_S,
         most_people=MOST_PEOPLE,
+        power=people_power.newest(app, study),
+        power_defaults=people_power.PowerRequest(),
+        most_sets=people_power.MOST_SETS,
         reading_s=simulation_results.READING_S,
     )
 

@@ -233,8 +233,8 @@ def study_check(folder: Folder, data_dir: DataDir = None) -> None:
     loaded = found.study
     plan = loaded.plan
     out.print(
-        f"{plan.slug}: no fault found. {len(plan.conditions)} conditions, {plan.trials} trials of "
-        f"{plan.queries_per_trial} queries."
+        f"{plan.slug}: no fault found. Conditions: {len(plan.conditions)}, trials: {plan.trials},"
+        f" queries in each: {plan.queries_per_trial}."
     )
     for line in in_lines(found.remarks):
         out.print(line)

@@ -111,7 +111,7 @@ def test_a_study_is_begun_checked_created_opened_and_closed(pbpo: Run, tmp_path:
     assert "recordings.csv:2: file: expected a video" in check.err
 
     own = write_own_study(tmp_path / "kettles")
-    assert pbpo("study", "check", own).out.startswith("kettles: no fault found. 2 conditions")
+    assert pbpo("study", "check", own).out.startswith("kettles: no fault found. Conditions: 2,")
     assert "created as a draft" in pbpo("study", "create", own).out
     opened = pbpo("study", "open", "kettles").out
     assert "doubt: study.yaml: its pages have not been previewed" in opened
@@ -155,7 +155,7 @@ def test_videos_that_some_browser_cannot_play_are_named_and_transcoded(
 
 @pytest.mark.parametrize("name", ["waste-crane", "waste-crane-env2"])
 def test_the_shipped_studies_are_without_fault(pbpo: Run, name: str) -> None:
-    assert pbpo("study", "check", name).out.startswith(f"{name}: no fault found. 3 conditions")
+    assert pbpo("study", "check", name).out.startswith(f"{name}: no fault found. Conditions: 3,")
 
 
 def test_a_check_names_every_fault_of_a_folder_in_a_line_of_its_own(

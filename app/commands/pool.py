@@ -17,29 +17,15 @@ from app.services.pooling.people import PooledPeople, judged_together
 from app.services.results import people
 from app.services.results.trial_posterior import percent
 
-from .export import (
-    Completed,
-    Conditions,
-    From,
-    Modes,
-    Overwrite,
-    To,
-    WithoutFlagged,
-    WithoutFlags,
-    asked,
-)
+from .export import Overwrite
+from .filters import Filters, with_filters
 from .options import DataDir, Slug, app_context_of, out
 
 
+@with_filters
 def pool(
     slug: Slug,
-    mode: Modes = None,
-    condition: Conditions = None,
-    since: From = None,
-    until: To = None,
-    exclude_flagged: WithoutFlagged = False,
-    exclude_flag: WithoutFlags = None,
-    completed: Completed = False,
+    filters: Filters,
     out_dir: Annotated[
         Path | None,
         typer.Option("--out", help="A folder for people.csv and population.csv."),
@@ -49,9 +35,7 @@ def pool(
 ) -> None:
     """Judge everybody's answers together: what people like, who differs, who is reliable."""
     app = app_context_of(data_dir)
-    request = asked(
-        app, slug, mode, condition, since, until, exclude_flagged, exclude_flag, completed
-    )
+    request = filters.request(app, slug)
     for named in request.study.plan.conditions:
         if request.conditions and named.name not in request.conditions:
             continue

@@ -52,6 +52,8 @@ WAIT_S = 25
 TIMEOUT_S = 60
 #: Seconds between two tries: doubled each time, up to the second number.
 FIRST_PAUSE_S, LONGEST_PAUSE_S = 0.5, 30.0
+#: Seconds that a command has to stop, with what it has started, before it is killed.
+ENDING_S = 5
 #: Bytes of a video that one request carries.
 PIECE = 4 << 20
 #: Characters of a reason that the server keeps.
@@ -411,17 +413,31 @@ def _end(process):
     if process.poll() is not None:
         return
     for number in (signal.SIGTERM, getattr(signal, "SIGKILL", signal.SIGTERM)):
-        try:
-            if os.name == "posix":
+        if os.name == "posix":
+            try:
                 os.killpg(process.pid, number)
-            else:
-                process.terminate()
-            process.wait(timeout=5)
-            return
-        except ProcessLookupError:
-            return
-        except subprocess.TimeoutExpired:
-            continue
+            except ProcessLookupError:
+                return
+        else:
+            process.terminate()
+        ends = time.monotonic() + ENDING_S
+        while time.monotonic() < ends:
+            if process.poll() is not None and not _has_others(process):
+                return
+            time.sleep(0.05)
+
+
+def _has_others(process):
+    """Whether what the command has started still runs, after the command itself has ended."""
+    if os.name != "posix":
+        return False
+    try:
+        os.killpg(process.pid, 0)
+    except ProcessLookupError:
+        return False
+    except PermissionError:
+        pass  # there is one, of another user
+    return True
 
 
 def _refusal(error):

@@ -272,6 +272,26 @@ def test_a_program_that_is_stopped_gives_its_rollout_back_and_ends_the_command(
         os.kill(int(begun.read_text()), 0)
 
 
+def test_what_a_command_has_started_is_ended_too_where_it_does_not_stop_by_itself(
+    program: ModuleType, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stubborn = (
+        "import signal, time; signal.signal(signal.SIGTERM, signal.SIG_IGN);"
+        "print('begun', flush=True); time.sleep(600)"
+    )
+    script = f"import subprocess, sys; subprocess.run([sys.executable, '-c', {stubborn!r}])"
+    command = subprocess.Popen(
+        [sys.executable, "-c", script], stdout=subprocess.PIPE, text=True, start_new_session=True
+    )
+    assert command.stdout is not None
+    assert command.stdout.readline() == "begun\n"
+    monkeypatch.setattr(program, "ENDING_S", 0.2)
+    program._end(command)
+    # What it has started holds the other end of the pipe for as long as it runs.
+    out, _ = command.communicate(timeout=60)
+    assert out == ""
+
+
 def test_a_place_that_no_parameter_has_is_named(studio: FakeStudio) -> None:
     studio.ask("r1", speed=1.0)
     process = run(studio, "pass", "--once")

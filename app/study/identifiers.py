@@ -16,29 +16,34 @@ from urllib.parse import unquote
 
 #: The longest value; ids of platforms and addresses in Mechanical Turk's links are shorter.
 LONGEST_ID = 200
-#: How often a value may be percent-encoded: by a tool, a mail program, a redirect.
-_MOST_ENCODINGS = 4
+#: How often a value may be encoded: by a tool, a mail program, a redirect.
+_MOST_ENCODINGS = 20
+#: Escapes of JavaScript and JSON, and the quoted-printable ones of mail.
+_ESCAPES = re.compile(r"(?:%u|\\u|\\x|=)([0-9A-Fa-f]{4}|[0-9A-Fa-f]{2})", re.ASCII)
 
 #: Shown as nothing, though Unicode calls them letters or marks.
 _BLANK = frozenset("\u034f\u115f\u1160\u17b4\u17b5\u2800\u3164\uffa0") | {
     chr(code) for code in (*range(0x180B, 0x1810), *range(0xFE00, 0xFE10))
 }
-_NOTHING = """
-undefined null nil none nan na void empty blank missing unknown unset default anonymous guest
-true false object objectobject test testing tester testid testuser testpid testparticipant
-testworker example sample dummy demo preview placeholder assignmentidnotavailable
-id pid uid rid value string yourid youridhere participant user username
+#: Words for a missing value or in place of one, as programs and people write them. A value that is
+#: made of such words alone, such as `not available` or `YOUR_ID_HERE`, identifies no one.
+_WORDS_OF_NO_ONE = """
+undefined null nil none nonetype nan void empty blank missing unknown unset unfilled default
+anonymous guest true false object error deleted unavailable invalid tbd todo ref
+not no answer available applicable provided specified given set found value string
+test testing tester example sample dummy demo preview placeholder
+your my the enter insert put paste here
+id ids pid uid rid lsid number code name token key email
+prolific sona mturk connect cloudresearch qualtrics worker participant subject user username
+respondent panelist response submission assignment study session survey project transaction
+hit external turksubmitto
+unbekannt keine keiner leer ohne inconnu aucun vide desconocido ninguno
+なし 無し 不明 未設定 未入力 未定 未回答 テスト 匿名
 """
-_PARAMETERS = """
-prolificpid prolificid studyid sessionid participantid assignmentid projectid workerid hitid
-turksubmitto surveycode subjectid submissionid respondentid responseid userid
-"""
-#: Words for a missing value, as programs and people write them.
-_WORDS = frozenset(_NOTHING.split())
-#: Placeholders of tools, besides the names of the parameters themselves.
-_NAMES = frozenset(_PARAMETERS.split())
+_WORDS = frozenset(_WORDS_OF_NO_ONE.split())
+_LONGEST_WORD = max(map(len, _WORDS))
 #: Characters of placeholders, which no platform's ids contain.
-_TEMPLATE = re.compile(r"[{}<>\[\]\ufffd]|\$\(|^\$|^%[^%]*%$|^__.*__$|^([#*@~|!?:^]).*\1$")
+_TEMPLATE = re.compile(r"[{}<>\[\]\ufffd]|\$\(|^\$|^%[^%]*%$|^%[a-z]$|^__.*__$|^([#*@~|!?:^]).*\1$")
 
 
 @dataclass(frozen=True)
@@ -102,7 +107,7 @@ def identifies_no_one(value: str, name: str = "") -> bool:
         value = clean(unicodedata.normalize("NFKC", value))
         if _is_none(value, name):
             return True
-        decoded = html.unescape(unquote(value))
+        decoded = html.unescape(_ESCAPES.sub(_unescaped, unquote(value)))
         if decoded == value:
             return False
         value = decoded
@@ -115,10 +120,26 @@ def _is_none(value: str, name: str) -> bool:
         return True
     own_name = "".join(filter(str.isalnum, name)).casefold()
     return (
-        letters in _WORDS
-        or letters in _NAMES
+        letters == "na"
+        or _is_of_words(letters)
         or letters == own_name
         # Zeros alone, and what SONA and Typeform show in place of a code.
         or set(letters) == {"0"}
         or (len(letters) > 1 and set(letters) == {"x"})
     )
+
+
+def _is_of_words(letters: str) -> bool:
+    """Whether the letters are words of `_WORDS` one after the other."""
+    if len(letters) > LONGEST_ID:
+        return False
+    reached = [0]
+    for end in range(1, len(letters) + 1):
+        starts = (start for start in reached if end - start <= _LONGEST_WORD)
+        if any(letters[start:end] in _WORDS for start in starts):
+            reached.append(end)
+    return reached[-1] == len(letters)
+
+
+def _unescaped(escape: re.Match[str]) -> str:
+    return chr(int(escape[1], 16))

@@ -28,25 +28,46 @@ UNFILLED = [
     "$PID",
     "PROLIFIC_PID",
     "XXXX",
+    "%s",
+    "\\u007bid\\u007d",
+    "%u007bid%u007d",
+    "=7Bid=7D",
+    "YOUR_ID_HERE",
+    "Insert+your+Prolific+ID",
+    "sona_id=",
     "\uff5b\uff5bid\uff5d\uff5d",
 ]
 BLANK = ["", " ", "\t\n", "\u3000\xa0", "\u200b\u2060\ufeff", "\u3164", "\u2800", "-", "?", "..."]
 WORDS = ["undefined", "NULL", "None", "nan", "N/A", "n.a.", "(null)", "[object Object]", "test"]
+WORDS += ["not available", "not_set", "undefinedundefined", "null,null", "no id", "未設定", "なし"]
 WORDS += ["ASSIGNMENT_ID_NOT_AVAILABLE", "0", "00000000-0000-0000-0000-000000000000"]
 
 
 @pytest.mark.parametrize("value", [*UNFILLED, *BLANK, *WORDS])
 def test_what_nobody_filled_in_stands_for_nobody_in_every_encoding(value: str) -> None:
-    once, twice = quote(value, safe=""), quote(quote(value, safe=""), safe="")
+    once = quote(value, safe="")
+    often = once
+    for _ in range(8):
+        often = quote(often, safe="")
     spaced = f"\u200b {value}\u3000"
-    for written in (value, once, twice, spaced, quote(spaced)):
+    for written in (value, once, quote(once), often, spaced, quote(spaced)):
         assert identifies_no_one(written), written
         assert read(["PROLIFIC_PID"], [("PROLIFIC_PID", written)]) == Given({}, ("PROLIFIC_PID",))
 
 
 @pytest.mark.parametrize(
     "value",
-    ["5f0c1ada9b2c3d4e5f6a7b8c", "4711", "007", "A2XYZ-1", "s&x", "a b", "https://www.mturk.com"],
+    [
+        "5f0c1ada9b2c3d4e5f6a7b8c",
+        "4711",
+        "007",
+        "A2XYZ-1",
+        "s&x",
+        "a b",
+        "Ida",
+        "R_1nA=",
+        "https://www.mturk.com",
+    ],
 )
 def test_an_id_names_somebody(value: str) -> None:
     assert read(["id"], [("id", value)]) == Given({"id": value})

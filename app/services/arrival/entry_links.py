@@ -102,7 +102,8 @@ def redeem(db: Session, study: repository.StudyInfo, token: str | None, now: dat
             EntryLink.token_hash == secret_hash(token),
             EntryLink.used_at.is_(None),
         )
-        .values(used_at=now)
+        # The day alone: the exact time is that of the session's start, and would tell whose it is.
+        .values(used_at=now.replace(hour=0, minute=0, second=0, microsecond=0))
         .returning(EntryLink.id)
     )
     if marked.scalar_one_or_none() is None:

@@ -348,7 +348,7 @@ STORED: Mapping[str, StoredTable] = {
             "token_hash": "Lets one person in, once; it is not known who used it.",
             "label": "The experimenter's note on what the links are for.",
             "created_at": _MADE,
-            "used_at": "That it was used.",
+            "used_at": "On which day it was used.",
         },
     ),
     "accounts": StoredTable(

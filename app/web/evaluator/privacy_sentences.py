@@ -35,7 +35,7 @@ SENTENCES: Mapping[Topic, str] = {
         " answers."
     ),
     Topic.PERSONAL_LINK: translatable(
-        "That your personal link was used, and when, so that it lets in one person only."
+        "That your personal link was used, and on which day, so that it lets in one person only."
     ),
     Topic.SECRETS: translatable(
         "Of the secret in your browser's cookie, and of your receipt code, a fingerprint from which"

@@ -8,6 +8,7 @@ import pytest
 from app.services.accounts import accounts, administration
 from app.services.accounts.accounts import Role
 from app.services.context import AppContext
+from app.services.runtime.ids import receipt_code
 from app.services.studies.repository import StudyInfo
 from tests.conftest import Clock
 
@@ -193,3 +194,29 @@ def test_a_previews_token_ends_with_the_api_token_it_was_begun_with(
     accounts.create(app, "another@lab.example", "correct horse battery", Role.ADMIN)
     administration.disable(app, desk.account.email, "tests")
     assert client.get("/api/v1/session", headers=bearer).status_code == 403
+
+
+def test_a_previews_token_in_the_cookie_of_another_address_is_no_session(desk: Desk) -> None:
+    client = desk.client
+    agree_in_preview(client)
+    token = client.cookies["pbpo_preview_session_short"]
+    desk.post("/sign-out")
+    for mode, prefix in (("", ""), ("pilot_", "/pilot"), ("preview_", "/preview")):
+        client.cookies.clear()
+        client.cookies.set(f"pbpo_{mode}session_short", token)
+        page = client.get(f"{prefix}/s/short")
+        assert page.status_code == 403 or heading(page) == HEADINGS["consent"]
+        header = {"PBPO-Study": f"{prefix.removeprefix('/')}/short".removeprefix("/")}
+        call = client.get("/api/v1/session", headers=header)
+        assert call.status_code in (401, 403), (prefix, call.text)
+
+
+def test_the_receipt_of_a_preview_leads_into_nothing(desk: Desk) -> None:
+    client = desk.client
+    agree_in_preview(client)
+    receipt = receipt_code(client.cookies["pbpo_preview_session_short"])
+    desk.post("/sign-out")
+    client.get("/s/short")
+    answer = client.post("/s/short/return", data={"receipt": receipt})
+    assert answer.status_code == 404
+    assert heading(client.get("/s/short")) == HEADINGS["consent"]

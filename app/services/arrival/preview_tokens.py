@@ -1,7 +1,8 @@
 """Tokens of previews, which name the sign-in or API token with which the preview was started.
 
 A program that sends a preview's token as a bearer token is answered as long as that credential is
-in force and its account may change the study. The browser's pages check the sign-in themselves.
+in force and its account may change the study. In a cookie the token counts at the addresses of
+previews only, where every request needs the sign-in.
 
 Tokens of other sessions are remembered by their hashes, because a session never changes its mode:
 only the first call with each of them is looked up in the database.
@@ -32,6 +33,11 @@ def prefix_for(credential: str) -> str:
 def is_other(app: AppContext, token: str) -> bool:
     """Whether the token is known, without a look at the database, to be no preview's."""
     return secret_hash(token) in app.other_tokens
+
+
+def is_preview(app: AppContext, token: str) -> bool:
+    """Whether the token belongs to a preview, whose credential may be in force or not."""
+    return not is_other(app, token) and _slug_of_preview(app, token) is not None
 
 
 def require_in_force(app: AppContext, token: str) -> None:

@@ -81,12 +81,13 @@ def resume_by_ids(app: AppContext, slug: str, ids: Mapping[str, str]) -> str:
 def resume_by_receipt(app: AppContext, slug: str, receipt: str) -> str:
     """Issue a token for another browser of the person, who is identified by the receipt code.
 
-    Raises NotFoundError if no session of the study has this code.
+    Raises NotFoundError if no live session of the study has this code.
     """
     token = new_secret()
     with app.database.write() as db:
         row = receipts.session_of_receipt(db, slug, receipt)
-        if row is None:
+        # A preview or pilot would go on at a participant's address without saying what it is.
+        if row is None or row.mode != _LIVE:
             raise NotFoundError("expected a receipt code of this study, and nothing is kept for it")
         issue_token(app, db, row, token, is_full=True)
     return token

@@ -46,7 +46,7 @@ class EvaluatorRoute(APIRoute):
             slug = request.path_params["slug"]
             mode = session_paths.mode_of(request)
             await session_paths.require_admitted(request, mode, slug)
-            session_paths.read_mode_cookies(request, mode, slug)
+            await session_paths.read_mode_cookies(request, mode, slug)
             try:
                 response = await handle(request)
                 session_paths.write_mode_cookies(response, mode, slug)

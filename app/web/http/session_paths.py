@@ -12,7 +12,7 @@ from fastapi.responses import Response
 from starlette.concurrency import run_in_threadpool
 from starlette.datastructures import MutableHeaders
 
-from app.services.arrival import pilot_links
+from app.services.arrival import pilot_links, preview_tokens
 from app.services.runtime.errors import ForbiddenError
 from app.services.studies import access, session_modes
 from app.services.studies.access import Right
@@ -76,11 +76,28 @@ def cookie_of(mode: str, slug: str) -> str:
     return _renamed(session_cookie(slug), mode)
 
 
-def read_mode_cookies(request: Request, mode: str, slug: str) -> None:
+async def cookie_token(request: Request, mode: str, slug: str) -> str | None:
+    """The token in this mode's cookie. The token of a preview counts at addresses of previews only.
+
+    Other addresses check no sign-in, and a cookie can be written by hand.
+    """
+    token = request.cookies.get(cookie_of(mode, slug))
+    if token is None or mode == session_modes.PREVIEW:
+        return token
+    app = app_context_of(request)
+    if preview_tokens.is_other(app, token):
+        return token
+    is_preview = await run_in_threadpool(preview_tokens.is_preview, app, token)
+    return None if is_preview else token
+
+
+async def read_mode_cookies(request: Request, mode: str, slug: str) -> None:
     """Rename this mode's cookies in the request to those of a live session, which pages read."""
+    cookies = request.cookies
+    if await cookie_token(request, mode, slug) is None:
+        cookies.pop(cookie_of(mode, slug), None)
     if mode == session_modes.LIVE:
         return
-    cookies = request.cookies
     for name in (f"pbpo_{kind}_{slug}" for kind in _OF_A_STUDY):
         cookies.pop(name, None)
         if own := cookies.get(_renamed(name, mode)):

@@ -33,7 +33,7 @@ async def session_token(
     elif pbpo_study is not None:
         mode, slug = session_paths.of_header(pbpo_study)
         await session_paths.require_admitted(request, mode, slug)
-        token = request.cookies.get(session_paths.cookie_of(mode, slug))
+        token = await session_paths.cookie_token(request, mode, slug)
     if token is None:
         raise SignInRequiredError("expected a session's token as `Authorization: Bearer <token>`")
     return token

@@ -45,9 +45,9 @@ class EvaluatorRoute(APIRoute):
         async def handle_kindly(request: Request) -> Response:
             slug = request.path_params["slug"]
             mode = session_paths.mode_of(request)
-            await session_paths.require_admitted(request, mode, slug)
-            await session_paths.read_mode_cookies(request, mode, slug)
             try:
+                await session_paths.require_admitted(request, mode, slug)
+                await session_paths.read_mode_cookies(request, mode, slug)
                 response = await handle(request)
                 session_paths.write_mode_cookies(response, mode, slug)
                 return response

@@ -97,7 +97,9 @@ OF_A_KILLED_SERVER = """
 import os, sys, time
 from app.services.background.local import LocalBackground
 if __name__ == "__main__":
-    print(LocalBackground(1).in_process("who", os.getpid).result(), flush=True)
+    # A pool that nothing refers to is collected, and its worker leaves with it.
+    background = LocalBackground(1)
+    print(background.in_process("who", os.getpid).result(), flush=True)
     time.sleep(60)
 """
 

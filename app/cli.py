@@ -134,8 +134,8 @@ def demo(port: Port = 8000, host: Host = "127.0.0.1", data_dir: DataDir = None) 
     from .simulation import JOBS
 
     socket = listen(host, port)
-    address = f"http://{host}:{socket.getsockname()[1]}"
     app = app_context_of(data_dir, job_handlers=JOBS)
+    address = f"http://{host}:{socket.getsockname()[1]}{app.settings.root_path}"
     access = demo_service.prepare(app, address)
 
     def say() -> None:
@@ -174,7 +174,7 @@ def serve(
         startup_checks.require_safe(app, host)
         for sentence in startup_checks.unsafe_settings(app, host):
             print(f"pbpo: {sentence}", file=sys.stderr)
-        address = f"http://{host}:{socket.getsockname()[1]}"
+        address = f"http://{host}:{socket.getsockname()[1]}{app.settings.root_path}"
         if workers > 1:
             # Each worker opens it for itself.
             app.close()

@@ -69,6 +69,7 @@ from app.web.http import (
     problems,
     request_guard,
     request_log,
+    root_path,
     server_sent_events,
     session_paths,
 )
@@ -121,6 +122,7 @@ def create_app(
         # Their scripts come from other sites, which our pages' policy forbids.
         docs_url=None,
         redoc_url=None,
+        servers=[{"url": root}] if (root := opened.settings.root_path) else None,
         # Addresses hold ids of people: they are for no collector that a machine may have set up.
         telemetry={"tracing": False, "metrics": False, "logs": False},
     )
@@ -138,6 +140,7 @@ def create_app(
     fastapi_app.add_middleware(host_cookies.HostCookies)
     fastapi_app.add_middleware(failure_middleware.FailureMiddleware)
     fastapi_app.add_middleware(request_log.RequestLog)
+    fastapi_app.add_middleware(root_path.RootPath)
     fastapi_app.add_exception_handler(page_context.ToSignIn, _to_sign_in)
     fastapi_app.mount("/static", KeptStaticFiles(directory=STATIC), name="static")
     for module in (
@@ -181,6 +184,7 @@ def create_app(
     for prefix in session_paths.PREFIXES.values():
         for pages in (entry_pages, stage_pages, leaving_pages, privacy_pages, trouble_pages):
             fastapi_app.include_router(pages.router, prefix=prefix)
+    root_path.require_unambiguous(fastapi_app, opened.settings)
     return fastapi_app
 
 

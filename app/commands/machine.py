@@ -22,7 +22,7 @@ def add(slug: Slug, name: Name, address: Address = "", data_dir: DataDir = None)
     """Add a machine, and print its token and the command to run there. Both are shown once."""
     app = app_context_of(data_dir)
     token = machines.add(app, slug, name)
-    url = address_of(app, "", address) or "https://STUDIO"
+    url = address_of(app, "", address or app.settings.public_url or "https://STUDIO")
     parameters = repository.find(app, slug).plan.parameters
     values = " ".join(f"--{one.name} {{{one.name}}}" for one in parameters)
     print(token)

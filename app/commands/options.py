@@ -63,15 +63,19 @@ def app_context_of(data_dir: Path | None, **changes: Any) -> AppContext:
 
 
 def address_of(app: AppContext, path: str, address: str = "") -> str:
-    """The path at the address that was given, else at the studio's own where it is known."""
-    return f"{address.rstrip('/') or app.settings.public_url}{path}"
+    """The path at the address that was given, else at the studio's own where it is known.
+
+    The address may be the host's, or include PBPO_ROOT_PATH.
+    """
+    base, root = address.rstrip("/") or app.settings.public_url, app.settings.root_path
+    return f"{base.removesuffix(root)}{root}{path}"
 
 
 def say_links(app: AppContext, paths: Sequence[str], address: str) -> None:
     """Print links plainly: they must come out whole however narrow the window is."""
     for path in paths:
         print(address_of(app, path, address))
-    if not address_of(app, "", address):
+    if not address and not app.settings.public_url:
         typer.echo(
             "This is no whole address, since the studio does not know its own: set"
             " PBPO_PUBLIC_URL, or give --address https://...",

@@ -124,7 +124,7 @@ export class SessionApi {
     if (body) {
       options.body = JSON.stringify(body);
     }
-    const answer = await request(`/api/v1${path}`, options, TIMEOUT_MS);
+    const answer = await request(`${document.documentElement.dataset.root ?? ""}/api/v1${path}`, options, TIMEOUT_MS);
     const value = parsed(answer.content);
     if (answer.status === 410) {
       // The study was deleted: its page says so, and has the way back.

@@ -9,7 +9,7 @@
   if (!("CSSLayerBlockRule" in window)) {
     var link = document.createElement("link");
     link.rel = "stylesheet";
-    link.href = "/styles/without-layers.css";
+    link.href = (document.documentElement.getAttribute("data-root") || "") + "/styles/without-layers.css";
     document.head.appendChild(link);
   }
 })();

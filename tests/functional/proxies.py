@@ -22,6 +22,9 @@ class Proxy(Started):
     above: the folder in which it finds `videos/own` and `videos/rendered`.
     """
 
+    #: The path below which the studio is served.
+    root = ""
+
     def __init__(self, server: str, above: Path, folder: Path) -> None:
         folder.mkdir()
         self.url = f"http://127.0.0.1:{free_port()}"
@@ -34,7 +37,7 @@ class Proxy(Started):
 
     def is_ready(self) -> bool:
         try:
-            return httpx.get(f"{self.url}/healthz", verify=False).status_code == 200
+            return httpx.get(f"{self.url}{self.root}/healthz", verify=False).status_code == 200
         except httpx.TransportError:
             return False
 
@@ -47,6 +50,7 @@ class Caddy(Proxy):
         file = ROOT / "deploy" / "caddy" / "Caddyfile"
         return [_program("caddy"), "run", "--config", str(file), "--adapter", "caddyfile"], {
             "PBPO_DOMAIN": self.url,
+            "PBPO_ROOT_PATH": self.root,
             "PBPO_APP": host,
             "PBPO_APP_PORT": port,
             "PBPO_VIDEOS_ABOVE": str(above),

@@ -10,6 +10,7 @@ from difflib import get_close_matches
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated
+from urllib.parse import urlsplit
 
 from pydantic import Field, SecretStr, ValidationError, ValidationInfo, field_validator
 from pydantic_settings import (
@@ -32,6 +33,8 @@ _PREFIX = "PBPO_"
 _NEARLY = 0.86
 #: Prefix lengths of the widest private networks by IP version: 10.0.0.0/8 and fc00::/7.
 _WIDEST = {4: 8, 6: 7}
+#: A path of parts that no browser and no proxy changes, and that lead to no folder above.
+_ROOT_PATH = re.compile(r"(/[A-Za-z0-9_-][A-Za-z0-9._-]*)+")
 #: Variable with the path of a folder that has a file per setting, such as `pbpo_database_url`, as
 #: containers provide secrets. Whoever may inspect a container sees its environment variables.
 SECRETS_DIR = "PBPO_SECRETS_DIR"
@@ -81,6 +84,13 @@ class Settings(BaseSettings):
             description="The address at which people reach the studio, such as"
             " https://studies.lab.example: what links that go out begin with. Default: what the"
             " browser that asks has asked for."
+        ),
+    ] = ""
+    root_path: Annotated[
+        str,
+        Field(
+            description="The path below which the studio is served, such as /pbpo for"
+            " https://lab.example/pbpo/. Default: the host is the studio's alone."
         ),
     ] = ""
     prolific_keys: Annotated[
@@ -229,10 +239,22 @@ class Settings(BaseSettings):
         url = url.rstrip("/")
         if url and not re.fullmatch(r"https?://([A-Za-z0-9.-]+|\[[0-9a-fA-F:.]+\])(:\d+)?", url):
             raise ValueError(
-                "expected a URL such as https://studies.lab.example, without a path, got"
-                f" {url[:100]!r}"
+                "expected a URL such as https://studies.lab.example, without a path (that is"
+                f" PBPO_ROOT_PATH), got {url[:100]!r}"
             )
         return url
+
+    @field_validator("root_path")
+    @classmethod
+    def _known_root(cls, path: str) -> str:
+        if path and not _ROOT_PATH.fullmatch(path):
+            repaired = "/" + "/".join(part for part in urlsplit(path).path.split("/") if part)
+            instead = f": set {repaired}" if _ROOT_PATH.fullmatch(repaired) else ""
+            raise ValueError(
+                "expected a path such as /pbpo, which begins with a slash and does not end with"
+                f" one, of letters, digits, '-', '_' and '.', got {path[:100]!r}{instead}"
+            )
+        return path
 
     @field_validator("database_url")
     @classmethod
@@ -313,6 +335,11 @@ class Settings(BaseSettings):
     def url(self) -> str:
         """URL of the database in use."""
         return self.database_url or f"sqlite:///{self.data_dir.resolve() / DATABASE_FILE}"
+
+    @property
+    def public_base(self) -> str:
+        """What public links begin with, the path included; empty without PBPO_PUBLIC_URL."""
+        return self.public_url and self.public_url + self.root_path
 
     @property
     def deletion_log_path(self) -> Path:

@@ -88,7 +88,7 @@ def video(app: AppContext, session: SessionRow, clip: RecordingRef, place: Place
 
 def address(app: AppContext, session: SessionRow, clip: RecordingRef, place: Place) -> str:
     """The URL of a recording for this session and place."""
-    return video_url(app.addresses.of(session, clip.id, place))
+    return app.settings.root_path + video_url(app.addresses.of(session, clip.id, place))
 
 
 def skip_of(

@@ -44,7 +44,7 @@ def _signed(
 ) -> dict[str, str]:
     """The parameters as the platform signed them. Raises SignedLinkError."""
     # The Host header proves nothing: it may be another tool's, as the token may be.
-    address = f"{app.settings.public_url}/s/{slug}"
+    address = f"{app.settings.public_base}/s/{slug}"
     leeway_s = READING_S if request.method == "POST" else _CLOCKS_APART_S
     return app.platform_keys.signed(came, address, leeway_s)
 

@@ -16,8 +16,12 @@ _PORTS = {"http": 80, "https": 443}
 
 
 def base_url(request: Request) -> str:
-    """The base of links: PBPO_PUBLIC_URL; without it, the base of the requested address."""
-    return app_context_of(request).settings.public_url or str(request.base_url).rstrip("/")
+    """The base of links: PBPO_PUBLIC_URL; without it, the base of the requested address.
+
+    PBPO_ROOT_PATH is part of it.
+    """
+    settings = app_context_of(request).settings
+    return settings.public_base or str(request.base_url).rstrip("/") + settings.root_path
 
 
 def is_own_origin(scope: Scope, settings: Settings, origin: str) -> bool:

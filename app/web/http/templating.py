@@ -15,6 +15,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
 from . import translations
+from .security import app_context_of
 from .translations import Wording
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -57,8 +58,11 @@ def _own_words(attributes: Markup, text: str) -> Markup:
 
 
 @lru_cache(maxsize=64)
-def environment_in(wording: Wording) -> Environment:
-    """The Jinja2 environment of a wording."""
+def environment_in(wording: Wording, root: str = "") -> Environment:
+    """The Jinja2 environment of a wording.
+
+    root: the path below which the studio is served, which templates put before every address.
+    """
     made = Environment(
         loader=FileSystemLoader(ROOT / "templates"),
         autoescape=True,
@@ -74,7 +78,8 @@ def environment_in(wording: Wording) -> Environment:
     made.filters["localtime"] = local_time
     made.filters["number"] = partial(translations.number, wording=wording)
     made.filters["exact_number"] = partial(translations.exact_number, wording=wording)
-    made.globals["static_url"] = static_url
+    made.globals["root"] = root
+    made.globals["static_url"] = lambda path: root + static_url(path)
     made.globals["between_sentences"] = translations.between_sentences(wording)
     made.globals["script_words"] = translations.script_words(wording)
     made.globals["wording"] = wording
@@ -95,6 +100,6 @@ def page(
     """
     values = {**DEFAULTS, "path": request.url.path, **context}
     wording = values.pop("wording", None) or Wording(values["language"])
-    templates = environment_in(wording)
+    templates = environment_in(wording, app_context_of(request).settings.root_path)
     html = templates.get_template(template).render(values)
     return HTMLResponse(html, status_code, headers={"Cache-Control": "no-store"})

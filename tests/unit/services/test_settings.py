@@ -97,3 +97,33 @@ def test_own_videos_lie_apart_from_the_answers_or_where_they_always_do(folder: s
     )
     assert Settings().own_videos == Path("data/uploads")
     assert Settings(own_videos_dir=Path("own")).own_videos == Path("own")
+
+
+@pytest.mark.parametrize(
+    ("path", "repair"),
+    [
+        ("pbpo", "set /pbpo"),
+        ("/pbpo/", "set /pbpo"),
+        ("/lab//pbpo", "set /lab/pbpo"),
+        ("https://lab.example/pbpo", "set /pbpo"),
+        ("/", "slash"),
+        ("/../pbpo", "slash"),
+        ("/a b", "slash"),
+        ("/pbpo?x=1", "set /pbpo"),
+    ],
+)
+def test_a_path_that_is_none_is_refused_with_its_repair(path: str, repair: str) -> None:
+    with pytest.raises(ValidationError) as refused:
+        Settings(root_path=path)
+    said = settings_faults(refused.value)
+    assert said.startswith("PBPO_ROOT_PATH: expected a path such as /pbpo")
+    assert repair in said
+    assert path in said
+
+
+def test_public_links_begin_with_the_path() -> None:
+    said = Settings(root_path="/lab/pbpo", public_url="https://lab.example/")
+    assert said.public_base == "https://lab.example/lab/pbpo"
+    assert Settings(root_path="/pbpo").public_base == ""
+    with pytest.raises(ValidationError, match="PBPO_ROOT_PATH"):
+        Settings(public_url="https://lab.example/pbpo")

@@ -15,6 +15,9 @@ const MEASUREMENTS = 2;
 /** A clip that has not ended after so many times its length has not played. */
 const PATIENCE = 4;
 
+/** However short it is: a browser may take so long to begin. */
+const LEAST_PATIENCE_MS = 3000;
+
 const page = byId("check");
 const api = new SessionApi(page.dataset.slug ?? "");
 const check = /** @type {NonNullable<import("./api.js").State["device_check"]>} */ (stateOfPage().device_check);
@@ -71,7 +74,7 @@ if (check.test_clip) {
 
 function play() {
   clearTimeout(patience);
-  patience = setTimeout(() => measured.played || settle("clip", false), check.clip.duration_s * PATIENCE * 1000);
+  patience = setTimeout(() => measured.played || settle("clip", false), Math.max(LEAST_PATIENCE_MS, check.clip.duration_s * PATIENCE * 1000));
   Promise.resolve(clip?.video.play()).catch((error) => error.name === "NotAllowedError" && settle("clip", false));
 }
 

@@ -72,7 +72,11 @@ export class SyncedPair {
     this.right = new Player(right, preloader, playerListener);
     for (const player of this.players) {
       player.video.addEventListener("playing", (event) => this.#playing(player, event.timeStamp));
-      player.video.addEventListener("ended", () => this.#ended());
+      player.video.addEventListener("ended", (event) => {
+        // Of a single frame some browsers say only that it has ended.
+        this.#playing(player, event.timeStamp);
+        this.#ended();
+      });
     }
     setInterval(() => this.#keepTogether(), COMPARE_MS);
     document.addEventListener("visibilitychange", () => this.#comeBack());
@@ -164,28 +168,37 @@ export class SyncedPair {
     this.listener.onNoPressNeeded();
     const late = this.videos.filter((video) => video.currentTime > 0 || video.seeking);
     if (late.length === 0) {
-      this.#playBoth(turn);
+      this.#play(this.videos, turn);
       return;
     }
     this.videos.forEach((video) => video.pause());
-    Promise.all(late.map((video) => moved(video, 0))).then(() => turn === this.#turn && this.#playBoth(turn));
+    Promise.all(late.map((video) => moved(video, 0))).then(() => turn === this.#turn && this.#play(this.videos, turn));
   }
 
-  /** After a stall: from where the one that waited stands. */
+  /** After a stall: from where the one that waited stands. A shorter one that has come to its end stays there. */
   #goOn() {
     const turn = (this.#turn += 1);
     this.phase = "playing";
-    const behind = Math.min(...this.videos.map((video) => video.currentTime));
-    const ahead = this.videos.filter((video) => video.currentTime - behind > TOLERATED_S);
-    Promise.all(ahead.map((video) => moved(video, behind))).then(() => turn === this.#turn && this.#playBoth(turn));
+    const left = this.players.filter((player) => !(player.video.ended && this.#hasBegun(player))).map(({ video }) => video);
+    const behind = Math.min(...left.map((video) => video.currentTime));
+    const ahead = left.filter((video) => video.currentTime - behind > TOLERATED_S);
+    Promise.all(ahead.map((video) => moved(video, behind))).then(() => turn === this.#turn && this.#play(left, turn));
   }
 
-  /** @param {number} turn */
-  #playBoth(turn) {
+  /** @param {Player} player */
+  #hasBegun(player) {
+    return this.#hasPlayed || this.#playingAt.has(player.side);
+  }
+
+  /**
+   * @param {HTMLVideoElement[]} videos
+   * @param {number} turn
+   */
+  #play(videos, turn) {
     if (!this.#hasPlayed) {
       attempt(() => this.#measureStart(turn));
     }
-    const playing = this.videos.map((video) => {
+    const playing = videos.map((video) => {
       video.playbackRate = 1;
       return video.play();
     });
@@ -193,12 +206,13 @@ export class SyncedPair {
       if (turn !== this.#turn) {
         return; // overtaken by another pair or another start
       }
-      this.videos.forEach((video) => video.pause());
       if (error.name === "NotAllowedError") {
+        this.videos.forEach((video) => video.pause());
         this.phase = "loading";
         this.#needPress();
       }
-      // Any other failure is handled by the player, which shows a message and retries.
+      // A video that cannot play is the player's matter, which shows a message and retries; one that something else
+      // paused before it began goes on by `#resumeHalted`; and one of a single frame has ended before it played.
     });
   }
 
@@ -219,7 +233,7 @@ export class SyncedPair {
   }
 
   #ended() {
-    if (this.phase !== "playing" || !this.videos.every((video) => video.ended)) {
+    if (this.phase !== "playing" || !this.#hasPlayed || !this.videos.every((video) => video.ended)) {
       return;
     }
     this.phase = "resting";
@@ -234,7 +248,6 @@ export class SyncedPair {
   #resumeHalted() {
     const isHalted =
       this.phase === "playing" &&
-      this.#hasPlayed &&
       document.visibilityState !== "hidden" &&
       this.videos.some((video) => video.paused && !video.ended) &&
       this.videos.every((video) => !video.seeking);

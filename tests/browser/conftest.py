@@ -6,6 +6,7 @@ import os
 import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from playwright.sync_api import Browser, BrowserContext, Page, Playwright, expect, sync_playwright
@@ -100,7 +101,7 @@ def server(tmp_path: Path, media_dir: Path) -> Iterator[Server]:
     server.kill()
 
 
-def serving(place: Path, media_dir: Path, plan: str, **more: int) -> Server:
+def serving(place: Path, media_dir: Path, plan: str, **more: Any) -> Server:
     """A server that has started, with one open study of small videos; its data are in `place`."""
     data_dir = place / "data"
     app = open_app(Settings(data_dir=data_dir, media_dir=media_dir))
@@ -121,7 +122,7 @@ def serve(tmp_path: Path, media_dir: Path) -> Iterator[Callable[..., Server]]:
     """
     servers: list[Server] = []
 
-    def start(plan: str, **more: int) -> Server:
+    def start(plan: str, **more: Any) -> Server:
         servers.append(serving(tmp_path, media_dir, plan, **more))
         return servers[-1]
 

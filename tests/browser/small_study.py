@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from collections.abc import Sequence
 from pathlib import Path
 
 import av
@@ -41,8 +42,17 @@ BILINGUAL_PLAN = (
 )
 
 
-def write_small_study(folder: Path, plan: str = SMALL_PLAN, candidates: int = CANDIDATES) -> Path:
-    """The folder: candidates of three recordings each, two seconds long."""
+def write_small_study(
+    folder: Path,
+    plan: str = SMALL_PLAN,
+    candidates: int = CANDIDATES,
+    frames: Sequence[int] = (FRAMES_PER_SECOND * SECONDS,),
+    form: str = "mp4",
+) -> Path:
+    """The folder: candidates of three recordings each, two seconds long.
+
+    frames: numbers of frames of the candidates' videos, in turns. form: mp4 (H.264) or webm (VP9).
+    """
     write_study(folder, plan)
     if "languages: [en, ja]" in plan:
         shutil.copytree(SHIPPED["waste-crane"] / "texts" / "ja", folder / "texts" / "ja")
@@ -50,20 +60,24 @@ def write_small_study(folder: Path, plan: str = SMALL_PLAN, candidates: int = CA
     rows = ["speed,file,score"]
     for candidate in range(candidates):
         for run in range(RECORDINGS):
-            name = f"videos/{candidate}-{run}.mp4"
-            _write_video(folder / name, candidate, run, min(15, HEIGHT_PX // candidates))
+            name = f"videos/{candidate}-{run}.{form}"
+            bar_px = min(15, HEIGHT_PX // candidates)
+            _write_video(folder / name, candidate, run, bar_px, frames[candidate % len(frames)])
             rows.append(f"{candidate / 10},{name},{candidate}")
     (folder / "recordings.csv").write_text("\n".join(rows) + "\n", encoding="utf-8")
     return folder
 
 
-def _write_video(path: Path, candidate: int, run: int, bar_px: int) -> None:
+def _write_video(path: Path, candidate: int, run: int, bar_px: int, frames: int) -> None:
     """A bar that moves to the right, lower for each candidate, on a ground of its recording's."""
     with av.open(path, mode="w") as container:
-        stream = container.add_stream("libx264", rate=FRAMES_PER_SECOND)
+        if path.suffix == ".mp4":
+            stream = container.add_stream("libx264", rate=FRAMES_PER_SECOND)
+        else:
+            stream = container.add_stream("libvpx-vp9", rate=FRAMES_PER_SECOND)
         stream.width, stream.height, stream.pix_fmt = WIDTH_PX, HEIGHT_PX, "yuv420p"
         stream.codec_context.thread_count = 1
-        for frame in range(FRAMES_PER_SECOND * SECONDS):
+        for frame in range(frames):
             picture = np.full((HEIGHT_PX, WIDTH_PX, 3), 200 - 40 * run, dtype=np.uint8)
             top = bar_px * candidate
             picture[top : top + bar_px, 7 * frame : 7 * frame + 20] = 20

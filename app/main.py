@@ -73,6 +73,7 @@ from app.web.http import (
     server_sent_events,
     session_paths,
 )
+from app.web.http.known_parameters import KnownParameters
 from app.web.http.templating import STATIC
 
 
@@ -143,13 +144,10 @@ def create_app(
     fastapi_app.add_middleware(root_path.RootPath)
     fastapi_app.add_exception_handler(page_context.ToSignIn, _to_sign_in)
     fastapi_app.mount("/static", KeptStaticFiles(directory=STATIC), name="static")
+    # Platforms, mail programs and monitors add parameters of theirs to the addresses of these.
     for module in (
         health_routes,
         older_browsers,
-        session_routes,
-        export_routes,
-        rollout_routes,
-        machine_program,
         media,
         entry_pages,
         stage_pages,
@@ -159,6 +157,13 @@ def create_app(
         trouble_pages,
         sign_in_pages,
         invitation_pages,
+    ):
+        fastapi_app.include_router(module.router)
+    for module in (
+        session_routes,
+        export_routes,
+        rollout_routes,
+        machine_program,
         account_pages,
         admin_pages,
         activity_pages,
@@ -179,7 +184,7 @@ def create_app(
         results_pages,
         session_detail_pages,
     ):
-        fastapi_app.include_router(module.router)
+        fastapi_app.include_router(module.router, dependencies=[KnownParameters])
     # The pages of evaluators again, for sessions that do not count.
     for prefix in session_paths.PREFIXES.values():
         for pages in (entry_pages, stage_pages, leaving_pages, privacy_pages, trouble_pages):

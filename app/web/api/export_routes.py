@@ -22,7 +22,6 @@ from app.services.studies import access
 from app.services.studies.access import Right
 from app.services.studies.repository import StudyInfo
 from app.web.http.head_requests import IS_HEAD, headers_alone
-from app.web.http.known_parameters import KnownParameters
 from app.web.http.problems import refusals
 from app.web.http.security import POLICY, AppDep, ExperimenterDep
 
@@ -31,7 +30,7 @@ from .token_schemes import EXPERIMENTER, short_id
 router = APIRouter(
     prefix="/api/v1/studies/{slug}",
     tags=["export"],
-    dependencies=[Depends(EXPERIMENTER), KnownParameters],
+    dependencies=[Depends(EXPERIMENTER)],
     generate_unique_id_function=short_id,
 )
 

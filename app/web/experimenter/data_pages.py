@@ -22,13 +22,12 @@ from app.web.api.export_routes import (
     report_response,
     zip_response,
 )
-from app.web.http.known_parameters import KnownParameters
 from app.web.http.security import AppDep
 
 from .page_context import DataOf, SignedIn
 from .study_frame import study_page
 
-router = APIRouter(include_in_schema=False, dependencies=[KnownParameters])
+router = APIRouter(include_in_schema=False)
 
 #: How many of the last exports the page lists.
 LISTED = 50

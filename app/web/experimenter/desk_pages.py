@@ -27,9 +27,14 @@ router = APIRouter(include_in_schema=False)
 
 
 @router.get("/studies/{slug}/desk")
-def desk_page(study: ChangeOf, request: Request, app: AppDep, caller: SignedIn) -> Response:
-    """The operator's desk: the rollout that is being recorded by hand."""
-    return _desk(request, app, caller, study)
+def desk_page(
+    study: ChangeOf, request: Request, app: AppDep, caller: SignedIn, recorded: str | None = None
+) -> Response:
+    """The operator's desk: the rollout that is being recorded by hand.
+
+    recorded: given after a video was taken.
+    """
+    return _desk(request, app, caller, study, was_recorded=recorded is not None)
 
 
 @router.post("/studies/{slug}/desk/take", dependencies=[OwnForm])
@@ -91,6 +96,7 @@ def _desk(
     study: StudyInfo,
     *,
     refused: str | None = None,
+    was_recorded: bool = False,
 ) -> Response:
     taken = desk.held(app, study)
     with app.database.read() as db:
@@ -107,7 +113,7 @@ def _desk(
         values=[] if taken is None else parameter_values.named(study, taken.parameters),
         asked=queue.counts(app, study.id).get(states.ASKED, 0),
         stopped_at=stopped_at,
-        was_recorded="recorded" in request.query_params,
+        was_recorded=was_recorded,
         limit_mb=app.settings.upload_limit_mb,
     )
 

@@ -17,7 +17,6 @@ from app.services.results.liked_best import LikedBest, liked_best
 from app.services.results.registry import FINDINGS, find
 from app.services.runtime.errors import NotFoundError
 from app.services.studies.repository import StudyInfo
-from app.web.http.known_parameters import KnownParameters
 from app.web.http.security import AppDep
 from app.web.http.templating import page
 
@@ -26,7 +25,7 @@ from .overview_pages import mode_of
 from .page_context import DataOf, SignedIn
 from .study_frame import study_page
 
-router = APIRouter(include_in_schema=False, dependencies=[KnownParameters])
+router = APIRouter(include_in_schema=False)
 
 
 @router.get("/studies/{slug}/results")

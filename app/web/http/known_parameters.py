@@ -10,15 +10,19 @@ from fastapi.dependencies.models import Dependant
 from fastapi.exceptions import RequestValidationError
 
 
-def refuse_unknown(request: Request) -> None:
+async def refuse_unknown(request: Request) -> None:
     """Raises RequestValidationError with each parameter that the route does not have."""
+    # Asynchronous, because FastAPI runs synchronous dependencies in a thread, at every call.
+    if not request.query_params:
+        return
     known = list(_names(request.scope["route"].dependant))
     faults = []
     for name in dict.fromkeys(request.query_params):
         if name not in known:
             near = get_close_matches(name, known, 1)
             hint = f"; did you mean {near[0]}?" if near else ""
-            message = f"expected one of {', '.join(sorted(known)) or 'no parameter'}{hint}"
+            expected = f"one of {', '.join(sorted(known))}" if known else "no parameter"
+            message = f"expected {expected}{hint}"
             faults.append(
                 {"type": "extra_forbidden", "loc": ("query", name), "msg": message, "input": name}
             )

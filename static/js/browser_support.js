@@ -6,17 +6,22 @@
 (function () {
   "use strict";
 
-  /** @returns {boolean} whether the browser says that it may play the videos */
-  function playsVideos() {
+  /**
+   * @param {string} format
+   * @returns {boolean} whether the browser says that it may play such videos
+   */
+  function plays(format) {
     var video = document.createElement("video");
-    return !!video.canPlayType && video.canPlayType('video/mp4; codecs="avc1.42E01E"') !== "";
+    return !!video.canPlayType && video.canPlayType(format) !== "";
   }
 
   function look() {
     var has = {
       scripts: document.documentElement.getAttribute("data-modules") === "ready",
       layout: !!window.CSS && !!CSS.supports && CSS.supports("aspect-ratio", "16 / 9") && CSS.supports("inset", "0"),
-      videos: playsVideos()
+      // The page asks for those that the study's videos have.
+      mp4: plays('video/mp4; codecs="avc1.42E01E"'),
+      webm: plays("video/webm")
     };
     var notice = document.getElementById("browser-support");
     var lines = notice ? notice.querySelectorAll("[data-needs]") : [];

@@ -236,6 +236,25 @@ def test_the_first_page_says_what_a_browser_lacks(page: Page, serve: Serve, welc
     expect(page.get_by_test_id("consent")).to_be_visible()
 
 
+@pytest.mark.parametrize(("form", "other"), [("webm", "mp4"), ("mp4", "webm")])
+def test_the_first_page_asks_for_the_formats_of_the_studys_videos_alone(
+    page: Page, serve: Callable[..., Server], form: str, other: str
+) -> None:
+    server = serve(SMALL_PLAN, frames=(2,), form=form)
+    page.add_init_script(
+        f"""HTMLMediaElement.prototype.canPlayType =
+            (type) => type.startsWith("video/" + (window.lacks ?? "{other}")) ? "" : "maybe";"""
+    )
+    page.goto(f"{server.url}/s/small")
+    page.wait_for_function("() => document.documentElement.dataset.modules === 'ready'")
+    notice = page.get_by_test_id("browser-support")
+    expect(notice).to_be_hidden()
+    page.add_init_script(f"window.lacks = '{form}'")
+    page.reload()
+    expect(notice.get_by_role("listitem")).to_have_count(1)
+    expect(notice).to_contain_text({"mp4": "MP4 with H.264", "webm": "WebM"}[form])
+
+
 def test_without_scripts_the_first_page_says_so_and_no_pair_is_answered_unseen(
     browser: Browser, serve: Serve
 ) -> None:

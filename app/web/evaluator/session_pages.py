@@ -14,7 +14,7 @@ from app.services.context import AppContext
 from app.services.runtime.errors import NotFoundError, SessionExpiredError, SignInRequiredError
 from app.services.sessions import advance, receipts
 from app.services.sessions.state_view import ENDED, State
-from app.services.studies import repository, session_modes
+from app.services.studies import repository, session_modes, video_formats
 from app.study.page_words import own_name
 from app.study.plan import Plan
 from app.study.recruitment import MTURK_FRAMES, MTURK_HOSTS
@@ -36,6 +36,8 @@ from . import hidden_drafts, session_cookies
 
 #: Pages of a draft that `not_open` stands before; the ethics bundle shows them also of a draft.
 _GUARDED = frozenset({"participant/privacy.html", "participant/delete.html"})
+#: The first pages, which say what a browser lacks.
+_FIRST = frozenset({"participant/welcome.html", "participant/consent.html"})
 #: The stages whose pages show the receipt code.
 _WITH_RECEIPT = frozenset({"instructions", "debrief", "completed", "screened_out", "withdrawn"})
 
@@ -76,6 +78,8 @@ def render(
         "is_held": state is not None and token is not None,
         **context,
     }
+    if template in _FIRST:
+        values["video_formats"] = video_formats.of(app, slug)
     if values["study_title"] and state is None and template not in _GUARDED:
         with suppress(NotFoundError, SQLAlchemyError):
             # A page that says that the study is not open does not say what it is about.
